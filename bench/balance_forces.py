@@ -5,7 +5,7 @@ from bench.balance_runs import EXACT_CLOCK, EXACT_SENSOR, Run, crept, tangential
 from bench.strains import carried, moment
 
 from tipforce.mechanics.spatial._rod import frames_of
-from tipforce.simulation.world import Load, read_sensor
+from tipforce.simulation.world import SensorLoad, read_sensor
 from tipforce.simulation.world._force_sensor import GRAVITY_M_PER_S2
 
 LEVER_PER_M = 25.0
@@ -64,7 +64,7 @@ def force_balance(r: Run, rows: np.ndarray) -> dict[str, float]:
     stretch = -wall.tangential_n_per_m * touched_way(r)
     tie = np.linalg.norm(drag[rows] - drag[rows - 1] - stretch[rows], axis=1)
 
-    load = Load(r.time_s, -contact.force_n, contact.touch_m, r.session.trajectory.acceleration_m_per_s2)
+    load = SensorLoad(r.time_s, -contact.force_n, contact.touch_m, r.session.trajectory.acceleration_m_per_s2)
     angle = float(np.arctan2(bench_model.forward[1], bench_model.forward[0]))
     log = read_sensor(EXACT_SENSOR, EXACT_CLOCK, load, angle, r.settings.seconds, np.random.default_rng(0))
     place = rows - round(-r.time_s[0] / r.step_s[0])

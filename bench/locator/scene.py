@@ -9,7 +9,7 @@ import numpy.typing as npt
 from bench.locator.curves import POINTS, curve, lead, turned
 from bench.locator.ground import clouds, colour, ground, photographs, pixels, uneven_light
 from bench.locator.photometry import finish, photograph
-from bench.locator.tubes import STATIONS, Canvas, Drawer, Lights, Surface
+from bench.locator.tubes import STATIONS, Drawer, Lights, SceneCanvas, Surface
 
 Float = npt.NDArray[np.float64]
 Float32 = npt.NDArray[np.float32]
@@ -59,7 +59,7 @@ def draw(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
     if rng.random() < 0.13:
         return _xray(rng, drawer, size)
     light = ground(rng, size, size)
-    canvas = Canvas.empty(light)
+    canvas = SceneCanvas.empty(light)
     lights = _lights(rng)
     length = math.exp(rng.uniform(math.log(0.24), math.log(0.72))) * size
     diameter = length / math.exp(rng.uniform(math.log(5.5), math.log(42.0)))
@@ -265,7 +265,7 @@ def _sheath(
 
 
 def _draw_body(
-    rng: np.random.Generator, drawer: Drawer, canvas: Canvas, lights: Lights, body: _Body, kind: int, size: int,
+    rng: np.random.Generator, drawer: Drawer, canvas: SceneCanvas, lights: Lights, body: _Body, kind: int, size: int,
     *, with_catheter: bool = True,
 ) -> None:  # fmt: skip
     """Draws the shadow, the catheter, and over it what it comes out of."""
@@ -294,7 +294,7 @@ def _extended(surface: Surface, before: int, count: int) -> Surface:
     )  # fmt: skip
 
 
-def _shadow(rng: np.random.Generator, canvas: Canvas, parts: list[tuple[Float, float]], fall: Float) -> None:
+def _shadow(rng: np.random.Generator, canvas: SceneCanvas, parts: list[tuple[Float, float]], fall: Float) -> None:
     h, w = canvas.kind.shape
     mask = np.zeros((h // 2, w // 2), np.uint8)
     for axis, wide in parts:
@@ -340,11 +340,11 @@ class _Face:
         self._cover = 1.0 if rng.random() < 0.75 else rng.uniform(0.4, 0.95)
         self._rim_px = rng.uniform(-0.5, 3.0) * diameter * (1.0 if rng.random() < 0.7 else 2.5)
 
-    def behind(self, canvas: Canvas) -> None:
+    def behind(self, canvas: SceneCanvas) -> None:
         """Lays the tissue over the ground."""
         canvas.light += (self._cover * self._inside)[..., None] * (self._look - canvas.light)
 
-    def in_front(self, canvas: Canvas, rng: np.random.Generator) -> None:
+    def in_front(self, canvas: SceneCanvas, rng: np.random.Generator) -> None:
         """Lays the tissue, or its rim that reaches toward the base, over the catheter."""
         near = np.clip(self._depth + self._rim_px, 0.0, 1.0)
         region = (near * (self._inside > 0.0) if self._rim_px < 0.0 else near).astype(np.float32)
@@ -356,7 +356,7 @@ class _Face:
 
 
 def _distractors(
-    rng: np.random.Generator, drawer: Drawer, canvas: Canvas, lights: Lights, size: int, diameter: float,
+    rng: np.random.Generator, drawer: Drawer, canvas: SceneCanvas, lights: Lights, size: int, diameter: float,
     *, behind: bool,
 ) -> None:  # fmt: skip
     """Cables, wires, posts, tubes and other instruments, behind the catheter or in front of it."""
@@ -385,7 +385,7 @@ def _distractors(
             drawer.tube(canvas, axis, 0.5 * wide, _plain_surface(rng), lights, INSTRUMENT)
 
 
-def _patch(rng: np.random.Generator, canvas: Canvas, line: Float, size: int) -> None:
+def _patch(rng: np.random.Generator, canvas: SceneCanvas, line: Float, size: int) -> None:
     """A card, a hand's edge or overlay text over a part of the catheter."""
     middle = line[rng.integers(len(line))] + rng.normal(0.0, 0.04 * size, 2)
     sides = rng.uniform(0.04, 0.25, 2) * size
@@ -409,7 +409,7 @@ def _xray(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
         soft = cv2.GaussianBlur(cv2.resize(photo, (size, size)), (0, 0), rng.uniform(3.0, 12.0))
         light *= np.exp(rng.uniform(0.3, 0.9) * (soft[..., 1:2].astype(np.float32) / 255.0 - 0.5))
     light = np.repeat(light, 3, axis=2)
-    canvas, lights = Canvas.empty(np.ascontiguousarray(light)), _lights(rng)
+    canvas, lights = SceneCanvas.empty(np.ascontiguousarray(light)), _lights(rng)
     length = math.exp(rng.uniform(math.log(0.24), math.log(0.72))) * size
     diameter = max(length / math.exp(rng.uniform(math.log(10.0), math.log(42.0))), 2.2)
     present = rng.random() > 0.07

@@ -15,7 +15,7 @@ STATIONS = 96
 
 
 @dataclass(slots=True)
-class Canvas:
+class SceneCanvas:
     """An image in linear light with what is known of each pixel.
 
     ``light`` (h, w, 3) in 0..1; ``kind`` (h, w): what is seen, one of the constants of `scene`; ``own`` (h, w): share
@@ -27,7 +27,7 @@ class Canvas:
     own: Float32
 
     @classmethod
-    def empty(cls, light: Float32) -> "Canvas":
+    def empty(cls, light: Float32) -> "SceneCanvas":
         """A canvas with a ground (h, w, 3) and nothing on it."""
         shape = light.shape[:2]
         return cls(light, np.zeros(shape, np.uint8), np.zeros(shape, np.float32))
@@ -168,7 +168,7 @@ class Drawer:
         self._side = np.zeros((height, width), np.float32)
 
     def tube(
-        self, canvas: Canvas, points: Float, radius: Float | float, surface: Surface, lights: Lights, kind: int,
+        self, canvas: SceneCanvas, points: Float, radius: Float | float, surface: Surface, lights: Lights, kind: int,
         *, is_catheter: bool = False,
     ) -> None:  # fmt: skip
         """Draws a tube over what is there.

@@ -15,7 +15,6 @@ __all__ = [
     "ForceUnit",
     "force_unit",
     "grams_to_newtons",
-    "newtons_from",
     "newtons_to_grams",
 ]
 
@@ -72,8 +71,3 @@ def grams_to_newtons(grams: float) -> float:
 def newtons_to_grams(newtons: float) -> float:
     """Gram-force of a force in newtons."""
     return newtons / GRAM_N
-
-
-def newtons_from(value: float, unit: ForceUnit) -> float:
-    """Newtons of ``value`` in ``unit``, one of `FORCE_UNITS`."""
-    return value * FORCE_UNITS[unit]

@@ -17,7 +17,6 @@ from tipforce.datasets import (
     random_split,
     random_subset,
     session_folds,
-    session_split,
     splits,
 )
 from tipforce.errors import InputError
@@ -68,7 +67,7 @@ def test_a_single_block_is_drawn_in_every_session(data: Dataset) -> None:
 
 
 def test_sessions_are_held_out_whole(data: Dataset) -> None:
-    for split in [*session_folds(data), session_split(data, 0.25, seed=2)]:
+    for split in session_folds(data):
         assert not set(data.session[split.train]) & set(data.session[split.test])
         assert len(split.train) + len(split.test) == 80
     assert [fold.name for fold in session_folds(data)] == [f"without s{k}" for k in range(4)]

@@ -7,9 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tipforce.geometry import angle_matrix, curve_from_angle, fit_angle, fit_polynomial
+from tipforce.geometry import angle_matrix, curve_from_angle, fit_polynomial, turning_angles
 
 seeds = st.integers(0, 2**32 - 1)
+
+
+def fit_angle(points: np.ndarray, degree: int) -> np.ndarray:
+    """Legendre coefficients (degree + 1,) of the tangent angle along ``points`` (n, 2)."""
+    return angle_matrix(len(points), degree) @ turning_angles(np.ascontiguousarray(points), 1.0, 0.0)
 
 
 @given(seeds, st.integers(12, 400), st.integers(1, 6), st.floats(20, 1000), st.floats(-50, 50))

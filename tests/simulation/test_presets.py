@@ -126,6 +126,6 @@ def test_the_number_of_redrawn_catheters_stands_in_the_truth(monkeypatch):
 
 
 def _third():
-    from tipforce.simulation.world._session import Catheter
+    from tipforce.simulation.world._session import SampledDevice
 
-    return Catheter(catheter_of(PRESETS["generalise"].world, 0, 0).device, 2)
+    return SampledDevice(catheter_of(PRESETS["generalise"].world, 0, 0).device, 2)

@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 
 from tipforce.errors import InputError
 from tipforce.mechanics import HEART_WAVES, HeartMotion
-from tipforce.simulation.world import FAST, Axis, AxisModel, Drive, Load, read_sensor, run_session, smooth_centrelines
+from tipforce.simulation.world import (
+    FAST,
+    Axis,
+    AxisModel,
+    Drive,
+    SensorLoad,
+    read_sensor,
+    run_session,
+    smooth_centrelines,
+)
 from tipforce.simulation.world._motion_profile import slow_drift
 from tipforce.simulation.world.settings import ClockSettings, MotionSettings, SensorSettings, WorldSettings
 
@@ -109,7 +118,7 @@ def test_the_sensor_reads_tip_weight_and_inertia_in_its_own_frame_and_time():
     t = np.arange(-0.5, 4.0, 1e-3)
     tip = np.outer(np.sin(3 * t), [0.1, 0.2, 0.05])
     pull = np.outer(np.cos(5 * t), [0.5, -0.3, 0.0])
-    load = Load(t, tip, np.tile([0.0, 0.0, 0.02], (t.size, 1)), pull)
+    load = SensorLoad(t, tip, np.tile([0.0, 0.0, 0.02], (t.size, 1)), pull)
     exact = SensorSettings(noise_n=0.0, torque_noise_nm=0.0, step_n=(1e-9, 1e-9, 1e-9), torque_step_nm=1e-9)
     log = read_sensor(exact, ClockSettings(), load, np.radians(33.4), 3.0, np.random.default_rng(4))
     assert log.nominal_angle_deg == 33.0

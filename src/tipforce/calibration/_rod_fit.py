@@ -102,16 +102,6 @@ class RodFit:
         return math.sqrt(self.covariance[_TURN, _TURN])
 
     @property
-    def turn_told(self) -> float:
-        """As `told`."""
-        return self.turn_std_rad / float(self.prior_std[_TURN])
-
-    @property
-    def tare_n(self) -> FloatArray:
-        """(2,): see the class."""
-        return self.mean[_TARE : _TARE + FORCE]
-
-    @property
     def late_s(self) -> float:
         """To be added to the clock offset."""
         return float(self.mean[_LATE])

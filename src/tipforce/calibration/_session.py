@@ -85,15 +85,6 @@ class CalibrationSession:
         """(n,) since the first frame."""
         return (self.stamp_ns - self.stamp_ns[0]) * 1e-9
 
-    @property
-    def has_force(self) -> bool:
-        """Whether any frame has a force in the plane."""
-        return bool(np.isfinite(self.force_n).all(axis=1).any())
-
-    def first_seconds(self, seconds: float) -> "CalibrationSession":
-        """The frames of the first ``seconds``. Raises InputError where there is none."""
-        return self.subset(np.flatnonzero(self.seconds <= seconds))
-
     def subset(self, rows: IntArray) -> "CalibrationSession":
         """Some of the frames."""
         kept = rows.tolist()

@@ -85,16 +85,6 @@ def blocked_split(dataset: Dataset, test_share: float = 0.25, gap_s: float = 1.0
     return _blocked(dataset, "block", held, gap_s)
 
 
-def session_split(dataset: Dataset, test_share: float = 0.25, seed: int = 0) -> Split:
-    """Whole sessions drawn at random, about ``test_share`` of them (at least one). Raises InputError below two."""
-    _check_share(test_share)
-    names = _sessions(dataset)
-    count = min(len(names) - 1, max(1, round(len(names) * test_share)))
-    drawn = np.random.default_rng(seed).permutation(len(names))[:count]
-    held = np.isin(dataset.session, [names[i] for i in drawn])
-    return Split(f"{count} of {len(names)} sessions", np.flatnonzero(~held), np.flatnonzero(held))
-
-
 def session_folds(dataset: Dataset, k: int | None = None, seed: int = 0) -> list[Split]:
     """Every session held out once: alone up to `LEAVE_ONE_OUT_SESSIONS` of them, else in groups drawn with ``seed``.
 

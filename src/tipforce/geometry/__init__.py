@@ -1,7 +1,7 @@
 """Curves by arc length and their numbers; rigid motions, cameras, and points in space from several views."""
 
 from ._camera import CameraModel
-from ._curves import angle_matrix, arc_length, curve_from_angle, fit_angle, fit_polynomial, turning_angles
+from ._curves import angle_matrix, arc_length, curve_from_angle, fit_polynomial, turning_angles
 from ._pose import Pose
 from ._triangulate import Triangulated, triangulate
 
@@ -12,7 +12,6 @@ __all__ = [
     "angle_matrix",
     "arc_length",
     "curve_from_angle",
-    "fit_angle",
     "fit_polynomial",
     "triangulate",
     "turning_angles",

@@ -128,20 +128,8 @@ def angle_matrix(points: int, degree: int) -> FloatArray:
     return matrix
 
 
-def fit_angle(points: FloatArray, degree: int) -> FloatArray:
-    """Legendre coefficients (degree + 1,) in rad of the tangent angle over normalised arc length; always exist.
-
-    ``points`` (n, 2): uniform in arc length, x and y; the angle is against x, counter-clockwise toward y. With s from
-    0 (base) to 1 (tip): angle(s) = sum of c_k P_k(2 s - 1). Raises ValueError where n < degree + 2.
-
-    >>> np.round(fit_angle(curve_from_angle(np.array([0.4, 0.4]), 100.0, 64), 2), 6) + 0.0
-    array([0.4, 0.4, 0. ])
-    """
-    return angle_matrix(len(points), degree) @ turning_angles(np.ascontiguousarray(points, dtype=np.float64), 1.0, 0.0)
-
-
 def curve_from_angle(coefficients: FloatArray, length: float, points: int = 64) -> FloatArray:
-    """(points, 2): the curve from the origin with these coefficients of its tangent angle: the inverse of `fit_angle`.
+    """(points, 2): the curve from the origin with these coefficients of its tangent angle, see `angle_matrix`.
 
     ``length`` is its arc length; the points are uniform in it.
     """

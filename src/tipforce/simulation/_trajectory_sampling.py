@@ -6,7 +6,7 @@ import numpy as np
 
 from ..types import ADVANCE, JOINTS, KNOB, STAGE, STAGE_ACROSS, STAGE_FORWARD, Actuation, FloatArray, IntArray, Wrench
 from .rendering.camera import TissueState
-from .world import LEAD_S, STEP_S, BenchModel, ForceSensor, Load, Resolution, Trajectory, smooth_centrelines
+from .world import LEAD_S, STEP_S, BenchModel, ForceSensor, Resolution, SensorLoad, Trajectory, smooth_centrelines
 
 _POINTS = 97
 """Of the true centreline: half a millimetre apart."""
@@ -126,13 +126,13 @@ class Readings:
             else:
                 self.joints.take(((trajectory.knob_deg, 1.0), (trajectory.advance_m + self._home_m, 1e3)), first, end)
 
-    def _load(self, trajectory: Trajectory, rows: slice) -> Load:
+    def _load(self, trajectory: Trajectory, rows: slice) -> SensorLoad:
         origin = trajectory.wall_m[rows] + _SENSOR_BELOW_M * self.bench_model.forward
         contact = trajectory.contact
         side = None
         if self.bench_model.wall.side_stiffness_n_per_m2 > 0.0:
             side = -contact.side_force_n[rows], trajectory.side_touch_m(rows) - origin
-        return Load(
+        return SensorLoad(
             trajectory.time_s[rows],
             -contact.force_n[rows],
             contact.touch_m[rows] - origin,

@@ -30,7 +30,7 @@ from ._session import (
     ViewInfo,
     merged_values,
 )
-from ._shape import BasePose, CentrelineM, CentrelinePx, DetectedShape
+from ._shape import BasePose, CentrelinePx, DetectedShape
 from ._status import Status
 from ._streams import JOINTS, STAGE, Actuation, Event, Frame, Observation, ShapeFeatures, View, Wrench
 
@@ -55,7 +55,6 @@ __all__ = [
     "BoolArray",
     "Box",
     "Catheter",
-    "CentrelineM",
     "CentrelinePx",
     "Clock",
     "Commanded",

@@ -54,17 +54,6 @@ class CentrelinePx:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CentrelineM:
-    """``points`` (n, 2) or (n, 3): metres in the base frame, base to tip, uniform in arc length."""
-
-    points: FloatArray
-
-    def __post_init__(self) -> None:
-        width = 3 if np.ndim(self.points) == 2 and np.shape(self.points)[1] == 3 else 2
-        object.__setattr__(self, "points", frozen("points", self.points, (None, width)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class DetectedShape:
     """The catheter's shape in one image, or the reason why it was not found.
 

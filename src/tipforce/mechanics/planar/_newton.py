@@ -38,7 +38,7 @@ class Load(NamedTuple):
     carried: FloatArray
 
 
-class Outcome(NamedTuple):
+class Solution(NamedTuple):
     """``residual``: largest unbalanced moment on a segment over EI / length of the shaft."""
 
     iterations: int
@@ -158,7 +158,7 @@ def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
 
 
 @compiled
-def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scratch: FloatArray) -> Outcome:
+def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scratch: FloatArray) -> Solution:
     """Moves ``theta`` (n,) in place to the nearest minimum of the energy; ``stable`` tells whether it is one.
 
     Each step is Newton's where the Hessian is positive definite, else that of the shifted Hessian, cut so that no
@@ -173,7 +173,7 @@ def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scra
         residual = _assemble(theta, cosine, sine, rod, load, work) / rod.scale
         stable = _newton_step(work, 0.0, step)
         if residual <= tolerance or iteration == _MAX_ITERATIONS:
-            return Outcome(iteration, residual <= tolerance, stable, energy, residual)
+            return Solution(iteration, residual <= tolerance, stable, energy, residual)
         iteration += 1
         # As little shift as will do: past a fold the gradient is small, and the softest way is the one to go.
         shift = 1e-7 * rod.ei[0] / rod.h
@@ -195,7 +195,7 @@ def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scra
             scale *= 0.5
             if scale < 1e-10:  # no descent is left: rounding allows no better shape
                 energy = energy_at(theta, cosine, sine, rod, load)
-                return Outcome(iteration, False, stable, energy, residual)
+                return Solution(iteration, False, stable, energy, residual)
         energy = tried
         for i in range(n):  # a slice's assignment would cost the compiler seconds, for the message of its error
             theta[i] = trial[i]
@@ -252,7 +252,7 @@ def _copy(source: FloatArray, target: FloatArray) -> None:
 
 
 @compiled
-def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: FloatArray) -> tuple[Outcome, bool]:
+def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: FloatArray) -> tuple[Solution, bool]:
     """From the unloaded ``theta`` to the whole load; True where the branch was followed without a jump.
 
     A branch that loses its stability without a fold (a straight rod pushed along its axis) is followed on. ``scratch``
@@ -310,5 +310,5 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
             _copy(way_before, way)
             stable = True
             step = max(0.3 * step, _SHORTEST)
-    whole = Outcome(iterations, outcome.converged, outcome.stable, outcome.energy, outcome.residual)
+    whole = Solution(iterations, outcome.converged, outcome.stable, outcome.energy, outcome.residual)
     return whole, followed

@@ -96,7 +96,7 @@ _MAX_TURN = 0.4
 """Largest turn of an element in one step, rad: keeps the iteration on the branch it comes from."""
 
 
-class Outcome(NamedTuple):
+class Solution(NamedTuple):
     """``residual``: largest moment left over, relative to EI / length of the shaft."""
 
     iterations: int
@@ -233,7 +233,7 @@ def _follow_residual(
 
 
 @compiled
-def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tolerance: float) -> Outcome:
+def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tolerance: float) -> Solution:
     """Move ``q`` (k, 4) in place to the nearest equilibrium; ``stable`` tells whether it is a minimum.
 
     Each step is Newton's where the Hessian is positive definite, else that of the shifted Hessian, cut so that no
@@ -250,9 +250,9 @@ def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tol
     while True:
         negative = newton_step(work, m, loose, 0.0)
         if residual <= small:
-            return Outcome(iteration, True, negative == 0, residual / rod.small)
+            return Solution(iteration, True, negative == 0, residual / rod.small)
         if iteration == (12 if dry else _MAX_ITERATIONS):
-            return Outcome(iteration, False, negative == 0, residual / rod.small)
+            return Solution(iteration, False, negative == 0, residual / rod.small)
         iteration += 1
         if dry or (turned and negative != 0):
             moved, residual, m, loose = _follow_residual(q, rod, load, touch, work, residual)
@@ -260,7 +260,7 @@ def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tol
                 energy = 0.0 if dry else energy_at(q, rod, load, touch, work.tangent)
                 continue
             if dry:
-                return Outcome(iteration, False, negative == 0, residual / rod.small)
+                return Solution(iteration, False, negative == 0, residual / rod.small)
             residual, m, loose = assemble(q, rod, load, touch, work)
             negative = newton_step(work, m, loose, 0.0)
         shift = 1e-3 * rod.small * (q.shape[0] - 1)
@@ -281,7 +281,7 @@ def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tol
                 break
             scale *= 0.5
             if scale < 1e-10:  # no descent left: what stands is as good as rounding allows
-                return Outcome(iteration, False, False, residual / rod.small)
+                return Solution(iteration, False, False, residual / rod.small)
         energy = tried
         copy_turns(work.trial, q)
         residual, m, loose = assemble(q, rod, load, touch, work)
@@ -334,7 +334,7 @@ def _tangent(q: FloatArray, rod: Elastic, load: Load, work: Work, way: FloatArra
 @compiled
 def raise_load(
     q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tolerance: float
-) -> tuple[Outcome, int]:
+) -> tuple[Solution, int]:
     """From the unloaded ``q`` to the whole load, without a wall; also the value of `Branch`.
 
     Where a step cannot be made small enough to follow, the branch has ended in a fold and the rod falls. A branch
@@ -374,4 +374,4 @@ def raise_load(
             step *= 2.0
         share, was_stable = target, out.stable
         before, after = after, before
-    return Outcome(steps, out.converged, out.stable, out.residual), branch
+    return Solution(steps, out.converged, out.stable, out.residual), branch

@@ -19,7 +19,7 @@ from ._energy import (
     unturned,
 )
 from ._face import face_axes
-from ._newton import TOLERANCE, Outcome, copy_turns, relax
+from ._newton import TOLERANCE, Solution, copy_turns, relax
 from ._state import Elastic, Load, Touch, Work
 
 _SLOW = math.cos(0.5 * 0.02)
@@ -189,7 +189,7 @@ def _with_tie(touch: Touch, kt: float) -> Touch:
 
 
 @compiled
-def _solve_instant(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) -> Outcome:
+def _solve_instant(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) -> Solution:
     """Equilibrium on the wall.
 
     On a rough one Newton's method with stick and slip in it goes straight there as a rule. Where it fails, for
@@ -215,7 +215,7 @@ def _solve_instant(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, t
         out = relax(q, rod, load, touch, work, TOLERANCE)
         steps += out.iterations
     touch.drag[0] = touch.drag[1] = 0.0
-    return Outcome(steps, out.converged, out.stable, out.residual)
+    return Solution(steps, out.converged, out.stable, out.residual)
 
 
 @compiled

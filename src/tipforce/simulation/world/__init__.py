@@ -2,10 +2,10 @@
 
 from ._bench_model import BenchModel, build_bench_model, smooth_centrelines
 from ._drives import Axis, AxisModel, Drive
-from ._force_sensor import ForceSensor, Load, SensorLog, read_sensor
+from ._force_sensor import ForceSensor, SensorLoad, SensorLog, read_sensor
 from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
 from ._motion_solver import FAST, FINE, Resolution
-from ._parameters import Device, SessionParameters
+from ._parameters import DeviceProperties, SessionParameters
 from ._session import Session, require_long_enough, run_session
 from ._trajectory import Trajectory, TrajectoryIntegrator
 from .settings import WorldSettings
@@ -19,12 +19,12 @@ __all__ = [
     "Axis",
     "AxisModel",
     "BenchModel",
-    "Device",
+    "DeviceProperties",
     "Drive",
     "ForceSensor",
-    "Load",
     "Motion",
     "Resolution",
+    "SensorLoad",
     "SensorLog",
     "Session",
     "SessionParameters",

@@ -15,7 +15,7 @@ GRAVITY_M_PER_S2 = np.array([0.0, 0.0, -9.80665])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Load:
+class SensorLoad:
     """What acts on the sensor, instant by instant on the bench's own time, in the base frame.
 
     ``time_s`` (m,). ``force_n`` (m, 3): of the tip on the tissue. ``lever_m`` (m, 3): from the sensor's origin to
@@ -89,7 +89,7 @@ class ForceSensor:
         self._noise_n = settings.noise_n * rng.standard_normal((own.size, 3))
         self._torque_noise_nm = settings.torque_noise_nm * rng.standard_normal((own.size, 3))
 
-    def take(self, load: Load, first: int, end: int) -> None:
+    def take(self, load: SensorLoad, first: int, end: int) -> None:
         """The readings from ``first`` to ``end``, exclusive, all within the times of ``load``."""
         settings, log, rows = self.settings, self.log, slice(first, end)
         true = log.true_s[rows]
@@ -115,7 +115,7 @@ class ForceSensor:
 def read_sensor(
     settings: SensorSettings,
     clock: ClockSettings,
-    load: Load,
+    load: SensorLoad,
     normal_angle_rad: float,
     seconds: float,
     rng: np.random.Generator,

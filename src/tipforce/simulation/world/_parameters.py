@@ -15,7 +15,7 @@ BY_HAND = "by hand"
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class DeviceProperties:
     """One catheter: true values, and the nominal ones of its metadata."""
 
     diameter_m: float
@@ -35,7 +35,7 @@ class SessionParameters:
     this preset.
     """
 
-    device: Device
+    device: DeviceProperties
     out_of_plane_per_m: float
     knob_factor: float
     play_start_deg: float
@@ -62,7 +62,7 @@ class SessionParameters:
     least_force_n: float | None = None
 
 
-def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int = 0) -> Device:
+def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int = 0) -> DeviceProperties:
     """The catheter of a session: the same for ``sessions_per_catheter`` of them in a row; ``redraw``: the next one."""
     shaft = settings.shaft
     key = [seed, session // shaft.sessions_per_catheter, 0]
@@ -71,7 +71,7 @@ def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int 
     diameter = rng.uniform(*shaft.diameter_m)
     wide = shaft.diameter_known_to
     off = 1.0 + rng.uniform(-shaft.known_to, shaft.known_to, 2)
-    return Device(
+    return DeviceProperties(
         diameter_m=float(diameter),
         flexible_length_m=float(length),
         stiffness_nm2=float(stiffness),
@@ -81,7 +81,7 @@ def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int 
     )
 
 
-def sample_parameters(settings: WorldSettings, device: Device, rng: np.random.Generator) -> SessionParameters:
+def sample_parameters(settings: WorldSettings, device: DeviceProperties, rng: np.random.Generator) -> SessionParameters:
     """Samples the parameters of one session."""
 
     def one(bounds: Range) -> float:

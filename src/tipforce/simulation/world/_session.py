@@ -15,7 +15,7 @@ from ...types import FloatArray
 from ._bench_model import BenchModel, build_bench_model
 from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, TRAIL_S, Motion, MotionProfile, compose_motion
 from ._motion_solver import FAST, FINE, Resolution, rejection_reason, solve
-from ._parameters import Device, SessionParameters, sample_device, sample_kind, sample_parameters
+from ._parameters import DeviceProperties, SessionParameters, sample_device, sample_kind, sample_parameters
 from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory
 from .settings import WorldSettings
 
@@ -25,39 +25,39 @@ _STEP_S = 8e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Catheter:
+class SampledDevice:
     """``redraws``: how many catheters were drawn before this one and could not be used."""
 
-    device: Device
+    device: DeviceProperties
     redraws: int = 0
 
 
-def catheter_of(settings: WorldSettings, seed: int, session: int) -> Catheter:
+def catheter_of(settings: WorldSettings, seed: int, session: int) -> SampledDevice:
     """The catheter of a session.
 
     One that serves a single session is taken as drawn: that session finds out for itself. Raises InputError where no
     catheter reaches the forces.
     """
     if settings.shaft.sessions_per_catheter == 1:
-        return Catheter(sample_device(settings, seed, session))
+        return SampledDevice(sample_device(settings, seed, session))
     return _shared(settings.model_dump_json(), seed, session // settings.shaft.sessions_per_catheter)
 
 
 @lru_cache(maxsize=64)
-def _shared(settings_json: str, seed: int, number: int) -> Catheter:
+def _shared(settings_json: str, seed: int, number: int) -> SampledDevice:
     settings = WorldSettings.model_validate_json(settings_json)
     first = number * settings.shaft.sessions_per_catheter
     for redraws in range(_REDRAWS):
         device = sample_device(settings, seed, first, redraws)
         if any(_reaches(settings, device, (seed, number, 6, redraws, trial)) for trial in range(_TRIALS)):
-            return Catheter(device, redraws)
+            return SampledDevice(device, redraws)
     raise InputError(
         f"catheter {number} of seed {seed}: none of {_REDRAWS} draws of it reaches the forces asked for; widen "
         "motion.peak_force_n or motion.amplitude_m, or change the ranges of the shaft"
     )
 
 
-def _reaches(settings: WorldSettings, device: Device, key: tuple[int, ...]) -> bool:
+def _reaches(settings: WorldSettings, device: DeviceProperties, key: tuple[int, ...]) -> bool:
     """Whether one drawn session comes to the least of the wanted peak forces, over two breaths of largest amplitude."""
     rng = np.random.default_rng(key)
     if settings.motion.least_force_n:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ....types import FloatArray
-from ._canvas import FINER, Canvas, FloatImage, Patch, multi_scale_noise, soften
+from ._canvas import FINER, FloatImage, Patch, SceneCanvas, multi_scale_noise, soften
 from ._scene import BackgroundAppearance, CameraScene
 
 _ATTEMPTS = 12
@@ -37,7 +37,7 @@ def _rectangle(length: float, width: float) -> FloatArray:
     return np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2
 
 
-def _screw(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
+def _screw(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
     """A socket head cap screw from above, sometimes on a washer."""
     radius = rng.uniform(2.2e-3, 4.5e-3) * canvas.px_per_m
     steel = rng.uniform(70, 170)
@@ -51,7 +51,7 @@ def _screw(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
     canvas.lay(socket, (0.25 * steel, 0.25 * steel, 0.25 * steel))
 
 
-def _cable(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
+def _cable(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
     """A cable that comes from beyond the border and wanders past ``at``."""
     h = canvas.transmittance.shape[0]
     turn = rng.uniform(0, 2 * math.pi)
@@ -74,7 +74,7 @@ def _cable(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
     canvas.lay(soft.times(rng.uniform(0.15, 0.6)), (225, 225, 220))
 
 
-def _ruler(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
+def _ruler(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
     """Steel or plastic, with a tick every millimetre and numbers."""
     per_mm = canvas.px_per_m * 1e-3
     turn = rng.uniform(0, 2 * math.pi)
@@ -97,7 +97,7 @@ def _ruler(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
             )
 
 
-def _stroke(canvas: Canvas, points: FloatArray, width: float, level: float) -> None:
+def _stroke(canvas: SceneCanvas, points: FloatArray, width: float, level: float) -> None:
     """A thin dark line, painted in its own neighbourhood only (there are hundreds)."""
     h, w = canvas.transmittance.shape
     u0, v0 = np.maximum(np.floor(points.min(axis=0)).astype(int) - 3, 0)
@@ -115,7 +115,7 @@ def _stroke(canvas: Canvas, points: FloatArray, width: float, level: float) -> N
     canvas.changed.append((slice(v0, v1), slice(u0, u1)))
 
 
-def _write(canvas: Canvas, text: str, at: FloatArray, turn: float, tall: float) -> None:
+def _write(canvas: SceneCanvas, text: str, at: FloatArray, turn: float, tall: float) -> None:
     """``text`` in ink, ``tall`` px high, beginning at ``at``."""
     font, scale = cv2.FONT_HERSHEY_SIMPLEX, 2.0
     (width, height), _ = cv2.getTextSize(text, font, scale, 4)
@@ -132,7 +132,7 @@ def _write(canvas: Canvas, text: str, at: FloatArray, turn: float, tall: float) 
         canvas.lay(Patch.of(canvas.shape, part, ink / np.float32(255.0)).times(0.9), (35, 35, 40))
 
 
-def _label(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
+def _label(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
     """A slip of paper with a few lines of print."""
     per_mm = canvas.px_per_m * 1e-3
     turn = rng.uniform(-0.5, 0.5)
@@ -149,7 +149,7 @@ def _label(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
         _write(canvas, text, start, turn, tall)
 
 
-def _tape(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
+def _tape(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
     """A strip of tape with torn ends, more or less see-through."""
     per_mm = canvas.px_per_m * 1e-3
     length, width, turn = rng.uniform(15, 70) * per_mm, rng.uniform(8, 20) * per_mm, rng.uniform(0, 2 * math.pi)
@@ -163,7 +163,7 @@ def _tape(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
     canvas.lay(cover.times(thick), colours[int(rng.integers(4))], height_m=0.15e-3, shading=canvas.bevel(cover, 1.2))
 
 
-def _block(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
+def _block(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
     """A clamp or bracket: a box with two screws."""
     per_mm = canvas.px_per_m * 1e-3
     size = rng.uniform((14, 10), (45, 26)) * per_mm
@@ -175,7 +175,7 @@ def _block(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
         _screw(canvas, rng, _turned(np.array([[side * size[0], 0.0]]), turn, at)[0])
 
 
-def _pen(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
+def _pen(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
     """A line somebody drew."""
     turn, length = rng.uniform(0, 2 * math.pi), rng.uniform(15e-3, 70e-3) * canvas.px_per_m
     way = np.array([math.cos(turn), math.sin(turn)])
@@ -184,12 +184,12 @@ def _pen(canvas: Canvas, rng: np.random.Generator, at: FloatArray) -> None:
     canvas.lay(ink.times(rng.uniform(0.5, 0.9)), (40, 42, 60))
 
 
-_OBJECTS: tuple[Callable[[Canvas, np.random.Generator, FloatArray], None], ...] = (
+_OBJECTS: tuple[Callable[[SceneCanvas, np.random.Generator, FloatArray], None], ...] = (
     _screw, _cable, _ruler, _label, _tape, _block, _pen, _screw, _cable,
 )  # fmt: skip
 
 
-def lay_objects(canvas: Canvas, rng: np.random.Generator, axis_px: FloatArray) -> None:
+def lay_objects(canvas: SceneCanvas, rng: np.random.Generator, axis_px: FloatArray) -> None:
     """As many objects as the scene has, at random places; ``axis_px`` (2, 2): base and unbent tip, image pixels.
 
     With ``clear_m`` above 0, what would come nearer than that to the axis (but for its shadow) is laid elsewhere.
@@ -228,7 +228,7 @@ def paint_front_objects(
     """
     rng = np.random.default_rng([scene.seed, 5])
     small = (-(-width // _FRONT_FINER), -(-height // _FRONT_FINER))
-    canvas = Canvas.empty(*small, px_per_m / _FRONT_FINER, scene)
+    canvas = SceneCanvas.empty(*small, px_per_m / _FRONT_FINER, scene)
     h, w = canvas.transmittance.shape
     v, u = np.mgrid[0:h, 0:w]
     start, end = (np.asarray(point) * FINER / _FRONT_FINER for point in axis_px)
@@ -249,7 +249,7 @@ def paint_front_objects(
     return np.stack(large[:3]).astype(np.float32), np.asarray(large[3], np.float32)
 
 
-def _grid(canvas: Canvas, turn: float) -> tuple[FloatImage, FloatImage]:
+def _grid(canvas: SceneCanvas, turn: float) -> tuple[FloatImage, FloatImage]:
     """Coordinates of the canvas's pixels in metres along axes turned by ``turn``."""
     h, w = canvas.transmittance.shape
     v, u = np.mgrid[0:h, 0:w].astype(np.float32) / np.float32(canvas.px_per_m)
@@ -257,7 +257,7 @@ def _grid(canvas: Canvas, turn: float) -> tuple[FloatImage, FloatImage]:
     return c * u + s * v, c * v - s * u
 
 
-def _board(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+def _board(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """Painted board: blotches, grain, a few scratches and specks of dust."""
     h, w = canvas.transmittance.shape
     level = multi_scale_noise(rng, (h, w), (5.0, 20.0, 90.0, 350.0), 0.55) * appearance.texture_grey
@@ -275,7 +275,7 @@ def _board(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Gene
     return level
 
 
-def _cloth(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+def _cloth(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """Woven cloth with soft folds: threads go over and under one another, and are not quite straight."""
     h, w = canvas.transmittance.shape
     x, y = _grid(canvas, rng.uniform(0, math.pi))
@@ -291,7 +291,7 @@ def _cloth(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Gene
     return level.astype(np.float32)
 
 
-def _paper(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+def _paper(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """Millimetre paper: thin lines every mm, stronger ones every 5 and 10."""
     h, w = canvas.transmittance.shape
     level = multi_scale_noise(rng, (h, w), (4.0, 30.0, 250.0), 0.6) * (0.6 * appearance.texture_grey)
@@ -302,7 +302,7 @@ def _paper(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Gene
     return level
 
 
-def _breadboard(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+def _breadboard(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """Metal table, finely brushed, with tapped holes every 25 mm."""
     h, w = canvas.transmittance.shape
     brushed = cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), sigmaX=40.0, sigmaY=0.8)
@@ -323,7 +323,7 @@ def _breadboard(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random
     return (level + chamfer * appearance.lines_grey * 1.5) * (1 - hole) - hole * dark * (0.72 + thread + 0.5 * fy)
 
 
-def _printed(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+def _printed(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """A printed sheet: lines of text, bars and frames, somewhat askew."""
     h, w = canvas.transmittance.shape
     per_mm = canvas.px_per_m * 1e-3
@@ -349,7 +349,7 @@ def _printed(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Ge
     return (level - ink.astype(np.float32) * np.float32(2.5 * appearance.lines_grey / 255.0)).astype(np.float32)
 
 
-def _metal(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+def _metal(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """A plate of brushed metal, with the streaks in which it mirrors the lamps."""
     h, w = canvas.transmittance.shape
     long, short = (60.0, 0.8) if rng.random() < 0.5 else (0.8, 60.0)
@@ -362,7 +362,7 @@ def _metal(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Gene
     return (level + multi_scale_noise(rng, (h, w), (120.0, 400.0), 0.7) * appearance.texture_grey).astype(np.float32)
 
 
-def _room(canvas: Canvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
+def _room(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
     """What stands far behind the bench, all out of focus: edges and patches of whatever is there."""
     h, w = canvas.transmittance.shape
     level = np.zeros((h, w), np.float32)
@@ -385,10 +385,10 @@ GROUNDS = {
 }
 
 
-def paint_background(scene: CameraScene, width: int, height: int, px_per_m: float, axis_px: FloatArray) -> Canvas:
+def paint_background(scene: CameraScene, width: int, height: int, px_per_m: float, axis_px: FloatArray) -> SceneCanvas:
     """The table at light 1. ``axis_px`` (2, 2): base and where an unbent tip would be, images' pixels."""
     rng = np.random.default_rng([scene.seed, 1])
-    canvas = Canvas.empty(width, height, px_per_m, scene)
+    canvas = SceneCanvas.empty(width, height, px_per_m, scene)
     texture = GROUNDS[scene.ground.kind](canvas, scene.ground, rng)
     colour = np.asarray(scene.ground.colour, np.float32)
     # Unevenness of the surface is unevenness of the light it sends back: it keeps the surface's own colour.

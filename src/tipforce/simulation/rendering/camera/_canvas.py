@@ -73,7 +73,7 @@ class Patch:
 
 
 FINER = 2
-"""Canvas pixels per image pixel."""
+"""SceneCanvas pixels per image pixel."""
 _SUBPIXEL = 4
 
 
@@ -114,7 +114,7 @@ def band(start: FloatArray, end: FloatArray, half: float) -> FloatArray:
 
 
 @dataclass(slots=True, eq=False)
-class Canvas:
+class SceneCanvas:
     """``levels`` (h, w, 3), ``transmittance`` (h, w) for what lies below; ``px_per_m`` of the canvas.
 
     ``changed``: where something was laid or darkened, part by part.
@@ -127,7 +127,7 @@ class Canvas:
     changed: list[Part] = field(default_factory=list[Part])
 
     @classmethod
-    def empty(cls, width: int, height: int, px_per_m: float, scene: CameraScene) -> "Canvas":
+    def empty(cls, width: int, height: int, px_per_m: float, scene: CameraScene) -> "SceneCanvas":
         """For a image of ``width`` x ``height`` in which a metre is ``px_per_m``."""
         shape = (height * FINER, width * FINER)
         return cls(np.zeros((*shape, 3), np.float32), np.ones(shape, np.float32), px_per_m * FINER, scene)

@@ -12,7 +12,7 @@ from ....geometry import CameraModel
 from ....mechanics import face_depths
 from ....types import FloatArray
 from .._exposure import TissueHome
-from ._canvas import FINER, Canvas, FloatImage, Part, Patch, multi_scale_noise, soften
+from ._canvas import FINER, FloatImage, Part, Patch, SceneCanvas, multi_scale_noise, soften
 from ._scene import CameraScene
 
 MARGIN_M = 24e-3
@@ -49,7 +49,7 @@ def paint_phantom(
     px_per_m = float(np.sqrt(abs(np.linalg.det(slopes[:, :2]))))
     into = seen / np.linalg.norm(seen)
     margin = math.ceil(MARGIN_M * px_per_m)
-    canvas = Canvas.empty(width + 2 * margin, height + 2 * margin, px_per_m, scene)
+    canvas = SceneCanvas.empty(width + 2 * margin, height + 2 * margin, px_per_m, scene)
     rng = np.random.default_rng([scene.seed, 2])
     origin = (home_px + margin) * FINER + 0.5 * (FINER - 1)
     along = np.array([-into[1], into[0]])
@@ -82,7 +82,7 @@ def paint_phantom(
 
 
 def _lay_carrier(
-    canvas: Canvas,
+    canvas: SceneCanvas,
     box: Callable[[float, float, float, float], Patch],
     shape: Patch,
     axes: tuple[FloatArray, FloatArray, FloatArray],
@@ -140,7 +140,7 @@ def _cylinder(scene: CameraScene, part: Part, origin: FloatArray, along: FloatAr
 
 
 def _rounded(
-    canvas: Canvas,
+    canvas: SceneCanvas,
     origin: FloatArray,
     into: FloatArray,
     along: FloatArray,
@@ -165,7 +165,7 @@ def _rounded(
     return Patch.of(canvas.shape, part, np.clip(np.float32(0.5) - away, 0.0, 1.0))
 
 
-def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[FloatImage, npt.NDArray[np.int64]]:
+def _sprite(canvas: SceneCanvas, channels: int, sigma_px: float) -> tuple[FloatImage, npt.NDArray[np.int64]]:
     """Half-pixel phases, blurred; where each of their rows has something, and where it has light of its own."""
     # Sampling between half pixels blurs a little too: up to 1/16 px^2, on average 1/24.
     sigma = FINER * max(0.0, sigma_px**2 - 1 / 24 - 1 / 48) ** 0.5
@@ -194,7 +194,7 @@ def _sprite(canvas: Canvas, channels: int, sigma_px: float) -> tuple[FloatImage,
     return sprite, spans
 
 
-def _painted_part(canvas: Canvas, reach: int) -> Part:
+def _painted_part(canvas: SceneCanvas, reach: int) -> Part:
     """Where anything was painted and ``reach`` px more, to whole pixels of the image.
 
     It begins at a multiple of the vector instructions' width, so that a blur of it rounds as one of the whole would.

@@ -10,7 +10,7 @@ from ....geometry import CameraModel
 from .._exposure import TissueHome
 from .._random import gauss_table
 from ._background import illumination, paint_background, paint_front_objects
-from ._canvas import FINER, Box, Canvas, FloatImage, Patch, band, multi_scale_noise, soften
+from ._canvas import FINER, Box, FloatImage, Patch, SceneCanvas, band, multi_scale_noise, soften
 from ._phantom import Phantom, paint_phantom
 from ._scene import CameraScene, CoverPlate, Occluder
 from ._tube_kernels import add_tube
@@ -26,7 +26,7 @@ def _over(front: FloatImage | None, behind: FloatImage | None) -> FloatImage | N
     return np.concatenate([front[:-1] + front[-1:] * behind[:-1], front[-1:] * behind[-1:]])
 
 
-def _lay_cover(canvas: Canvas, camera: CameraModel, cover: CoverPlate, rng: np.random.Generator) -> None:
+def _lay_cover(canvas: SceneCanvas, camera: CameraModel, cover: CoverPlate, rng: np.random.Generator) -> None:
     """A plate from its edge on to beyond the image's border."""
     into = np.array([math.cos(cover.into_rad), math.sin(cover.into_rad)])
     along = np.array([-into[1], into[0]])
@@ -101,7 +101,7 @@ def paint_foreground(
     if not scene.occluders and scene.cover is None:
         return None
     rng = np.random.default_rng([scene.seed, 3])
-    canvas = Canvas.empty(width, height, px_per_m, scene)
+    canvas = SceneCanvas.empty(width, height, px_per_m, scene)
     for cover in scene.occluders:
         _lay_occluder(canvas, camera, cover, rng)
     if scene.cover is not None:
@@ -110,7 +110,7 @@ def paint_foreground(
     return np.concatenate([levels, left[None]])
 
 
-def _lay_occluder(canvas: Canvas, camera: CameraModel, cover: Occluder, rng: np.random.Generator) -> None:
+def _lay_occluder(canvas: SceneCanvas, camera: CameraModel, cover: Occluder, rng: np.random.Generator) -> None:
     middle = 0.5 * (cover.from_m + cover.to_m)
     lean = np.array([math.sin(cover.slant_rad), math.cos(cover.slant_rad), 0.0])
     reach = rng.uniform(8e-3, 30e-3, 2)

@@ -3,7 +3,7 @@
 from ._c_arm import CArm
 from ._dicom import RESEARCH_NOTE, write_dicom
 from ._renderer import Pulse, XrayRenderer
-from ._scene import Anatomy, Beam, CatheterConstruction, Detector, Instrument, Rhythm, XrayScene, XrayView
+from ._scene import Anatomy, CatheterConstruction, Detector, Instrument, Rhythm, XrayBeam, XrayScene, XrayView
 from ._scene_settings import BIPLANE, FLUORO, XrayRanges, sample_xray_scene
 
 __all__ = [
@@ -11,13 +11,13 @@ __all__ = [
     "FLUORO",
     "RESEARCH_NOTE",
     "Anatomy",
-    "Beam",
     "CArm",
     "CatheterConstruction",
     "Detector",
     "Instrument",
     "Pulse",
     "Rhythm",
+    "XrayBeam",
     "XrayRanges",
     "XrayRenderer",
     "XrayScene",

@@ -14,7 +14,7 @@ Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Beam:
+class XrayBeam:
     """What leaves the tube, and how much of it arrives."""
 
     photons: float
@@ -62,7 +62,7 @@ class XrayView:
 
     true: CArm
     stated: CArm
-    beam: Beam
+    beam: XrayBeam
     detector: Detector
 
 

@@ -12,7 +12,7 @@ from ....geometry import Pose
 from ....types import FloatArray
 from ..._fields import NotNegative, Positive, Range, Settings, Share, Some
 from ._c_arm import CArm, perturbed
-from ._scene import Anatomy, Beam, CatheterConstruction, Detector, Instrument, Rhythm, XrayScene, XrayView
+from ._scene import Anatomy, CatheterConstruction, Detector, Instrument, Rhythm, XrayBeam, XrayScene, XrayView
 
 
 class XrayRanges(Settings):
@@ -176,7 +176,7 @@ def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]
     low, high = (math.log(x) for x in ranges.photons)
     views: list[XrayView] = []
     for arm in arms:
-        beam = Beam(
+        beam = XrayBeam(
             photons=math.exp(rng.uniform(low, high)),
             pulse_s=pulse,
             rate_hz=ranges.rate_hz,
