@@ -12,7 +12,7 @@ from ..geometry import arc_length
 from ..mechanics import contact_derivatives
 from ..simulation import CameraImaging, SimulatedBench, SimulationSettings, Truth
 from ..simulation.rendering.camera import Lens
-from ..simulation.world import BenchModel, Device, SessionParameters, build_bench_model
+from ..simulation.world import BenchModel, DeviceProperties, SessionParameters, build_bench_model
 from ..types import BoolArray, FloatArray, IntArray
 
 
@@ -64,7 +64,9 @@ def bound_inputs(source: Truth | SimulatedBench) -> BoundInputs:
                 f"its truth was made with settings that one camera's bench does not have ({key})"
             ) from None
         values: Mapping[str, Any] = source.values
-        parameters = SessionParameters(device=Device(**_part(Device, values)), **_part(SessionParameters, values))
+        parameters = SessionParameters(
+            device=DeviceProperties(**_part(DeviceProperties, values)), **_part(SessionParameters, values)
+        )
         return BoundInputs(
             session=source.session,
             settings=settings,
