@@ -18,6 +18,12 @@ from tipforce.cli import VERBS, app
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
+MAX_WORDS_IN_DOCS = 35_000
+"""Without ``docs/archive``; the bars of tables count as words."""
+MAX_WORDS_IN_LOG_LINE = 41
+"""40 and the dash before them."""
+MAX_README_LINES = 120
+MAX_CHANGELOG_LINES_OF_A_VERSION = 80
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -34,6 +40,16 @@ def documents() -> list[Path]:
     archive = ROOT / "docs" / "archive"
     pages = [page for page in sorted((ROOT / "docs").rglob("*.md")) if archive not in page.parents]
     return [*(ROOT / name for name in named), *pages]
+
+
+def test_the_documents_stay_short() -> None:
+    pages = [page for page in documents() if page.is_relative_to(ROOT / "docs")]
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= MAX_WORDS_IN_DOCS
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= MAX_README_LINES
+    log = (ROOT / "docs" / "log.md").read_text(encoding="utf-8").splitlines()
+    assert not [line for line in log if len(line.split()) > MAX_WORDS_IN_LOG_LINE]
+    versions = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.M)
+    assert max(len(version.splitlines()) for version in versions) <= MAX_CHANGELOG_LINES_OF_A_VERSION
 
 
 def anchors(document: Path) -> set[str]:
@@ -142,8 +158,8 @@ def test_nothing_belongs_to_one_machine() -> None:
     not all((ROOT / "src" / "tipforce" / part).is_dir() for part in ("live", "hardware", "control")),
     reason="what the page of hazards names is not all here",
 )
-def test_each_test_that_the_hazards_name_exists() -> None:
-    named = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / "hazards.md").read_text(encoding="utf-8")))
+def test_each_test_that_the_documents_name_exists() -> None:
+    named = {name for page in documents() for name in re.findall(r"`(test_\w+)`", page.read_text(encoding="utf-8"))}
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
     assert len(named) > 40
     assert not named - set(re.findall(r"^def (test_\w+)\(", tests, flags=re.M))
