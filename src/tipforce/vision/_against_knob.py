@@ -1,4 +1,4 @@
-"""Whether the shaft at rest bends against what the knob asks for, as in an image that is mirrored."""
+"""Detects a mirrored image: the shaft at rest then bends against the direction of the knob."""
 
 import math
 from collections.abc import Sequence
@@ -10,8 +10,8 @@ from ._session_size import for_session
 from ._settings import ResolvedVision
 from .tracer import Tracer
 
-_REST_PX = 1.5
-"""A shaft whose tip lies within this radius rests: noise moves it by some tenths of a pixel."""
+REST_RADIUS_PX = 1.5
+"""A shaft whose tip is within this radius is at rest: noise moves it by some tenths of a pixel."""
 _REST_SHARE, _LEAST = 0.25, 4
 """It must rest in this share of the images and in so many, while it moves in others: tissue in contact moves it."""
 _MOVES_PX = 5.0
@@ -45,7 +45,7 @@ def bends_against_knob(
         return ""
     tips = np.array([line[-1] for line in lines])
     apart = np.linalg.norm(tips[:, None] - tips, axis=2)
-    near = apart < _REST_PX
+    near = apart < REST_RADIUS_PX
     at = int(near.sum(axis=1).argmax())
     rest = np.flatnonzero(near[at])
     if len(rest) < max(_LEAST, _REST_SHARE * len(images)) or apart[at].max() < _MOVES_PX:

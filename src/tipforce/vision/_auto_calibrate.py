@@ -1,4 +1,4 @@
-"""Auto-calibration: finds, once and on several images, what the vision settings leave open."""
+"""Auto-calibration: finds the vision settings that the user left open, once and on several images."""
 
 import math
 import statistics
@@ -10,24 +10,24 @@ import numpy as np
 from ..errors import InputError
 from ..types import DetectedShape, FloatArray, Image, SessionInfo, Status
 from ._by_keypoints import find_by_keypoints
-from ._doubt import TWO_OBJECTS, doubt, doubting, enough_images
+from ._rejection import TWO_OBJECTS, enough_images, rejection_reason, with_rejection
 from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
 from ._settings import SIDES, BaseSide, Polarity, ResolvedVision, VisionSettings
 from .tracer import Trace, Tracer, base_box, find_mouths
 
 _FRAMES = 16
-_TEMPLATES = 3
-"""The tip template is learnt so many times: with it the tip is found more often."""
+TEMPLATE_ROUNDS = 3
+"""Number of times that the tip template is learnt: with a template the tip is found more often."""
 _THICK_PX = 12.0
-_MOUTHS = 4
-"""So many places where a sheath may end are tried at a border."""
+MAX_MOUTHS = 4
+"""Number of mouths of a sheath that are tried at a border."""
 _CLEARLY = 0.75
 """Where no sheath is seen before the shaft, it must be found in this share of the images."""
 _SHARES = (1.0, 1.05, 0.95)
 """The tip is searched about these shares of the stated length: an edge of a metal tip or a ring may be clearer."""
 _APART, _RIVAL = 3.0, 0.7
-"""Two shafts that begin so many diameters apart, the second found in this share of the images of the first, could both
-be the catheter."""
+"""Two shafts could both be the catheter if they begin at least this number of diameters apart, and the second is found
+in this share of the images of the first."""
 _POLARITIES: tuple[Polarity, ...] = ("dark", "light")
 
 
@@ -64,7 +64,7 @@ def _convincing(trace: Trace, noise: float) -> bool:
 
 
 def _threshold(vision: ResolvedVision, frames: Sequence[Image], infos: Sequence[SessionInfo]) -> int | None:
-    """Returns the grey level half-way from the shaft to what lies beside it, or further if that would lose frames.
+    """Returns the grey level half-way from the shaft to the ground beside it, or further if that would lose frames.
 
     None where the catheter is detected in no frame.
     """
@@ -85,9 +85,9 @@ def _threshold(vision: ResolvedVision, frames: Sequence[Image], infos: Sequence[
 
 
 def _levels(image: Image, shape: DetectedShape) -> tuple[float, float]:
-    """Returns the grey levels of the shaft and of what lies beside it.
+    """Returns the grey levels of the shaft and of the ground beside it.
 
-    The axis alone would not do: a highlight lies along it, as bright as the shadow beside it.
+    The axis alone is not enough: a highlight runs along it, as bright as the shadow beside it.
     """
     assert shape.centreline is not None
     points, diameter = shape.centreline.points, shape.diameter_px
@@ -118,7 +118,7 @@ def _best_side(
         traces = [
             trace if trace and _convincing(trace, n) else None for (trace, _), n in zip(found, noise, strict=True)
         ]
-        # what was followed to an end says more than where nothing enters
+        # a shaft that was followed to an end is a better reason than an empty border
         reasons[:0] = [trace.detail for trace, _ in found[:1] if trace and trace.detail]
         reasons += [why for trace, why in found[:1] if trace is None]
         # of two shafts that end inside the image the thicker, clearer one is the catheter, the other a cable
@@ -147,7 +147,7 @@ def _calibrated(
     settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo], one: bool,
     share: float = 1.0,
 ) -> ResolvedVision:  # fmt: skip
-    """Finds what ``stated``, the ``settings`` with what the metadata say of the view, leave open.
+    """Finds the settings that ``stated`` (``settings`` with the session metadata of the view) leave open.
 
     ``one``: all frames are of one session, so that its tip template can be learnt. ``share``: of the stated length,
     about which it is searched. Raises InputError without a shaft.
@@ -164,12 +164,12 @@ def _calibrated(
     found = _best_side(sized, ways, frames, each, reasons)
     if found is None:
         different = list(dict.fromkeys(reason for reason in reasons if reason))
-        what = different[0] if different else "nothing enters"
+        first_reason = different[0] if different else "nothing enters"
         if len(ways) > 1:
-            what += f"; {len(ways)} combinations of side and polarity tried"
+            first_reason += f"; {len(ways)} combinations of side and polarity tried"
         first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
         raise InputError(
-            f"no catheter was found in {first} ({what}): set polarity and base_side, "
+            f"no catheter was found in {first} ({first_reason}): set polarity and base_side, "
             + ("or move base_region" if stated.base_region else "or mark the shaft's base with base_region")
         )
     chosen, traces = found
@@ -177,7 +177,7 @@ def _calibrated(
     if settings.length_px is None and chosen.length_px is not None:
         chosen = learn_length(guess, each, frames, _lines(guess, frames, each, traces))
         if one and chosen is not guess:
-            for _ in range(_TEMPLATES):
+            for _ in range(TEMPLATE_ROUNDS):
                 lines = on_axis(chosen, frames, _lines(chosen, frames, each, traces))
                 chosen = learn_tip_template(learn_length(guess, each, frames, lines), frames, lines)
     if chosen.threshold is None:
@@ -207,7 +207,7 @@ def auto_calibrate(
     settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None, *,
     whole: bool = True,
 ) -> ResolvedVision:  # fmt: skip
-    """Finds what ``settings`` leave open on the first 16 of ``images``: polarity, base side, threshold, diameter.
+    """Finds the open values of ``settings`` on the first 16 ``images``: polarity, base side, threshold, diameter.
 
     Every open combination of side and polarity is traced; the one with the longest, clearest shaft that ends inside
     the image wins. Values that are set stay. Where the size of the catheter and the scale are known, only a shaft of
@@ -215,23 +215,23 @@ def auto_calibrate(
     best with images from all over a session, because the ground beneath the tip must change.
 
     Args:
-        settings: what the user says.
+        settings: the settings of the user.
         images: (h, w) grey or (h, w, 3) RGB, uint8.
-        infos: what is known of the session; or one entry for each image.
+        infos: metadata of the session; or one entry for each image.
         whole: the images are from all over the session. Then a shaft that stands still in all of them while they change
             is taken for a post. Not so at the beginning, when the catheter waits for the tissue.
 
     Returns:
         The settings with all values, stated or found.
 
-    Of three images or more of one session what was found is doubted: see `doubt`. Where its size is stated, a catheter
-    that comes out of a sheath in view is preferred to what begins at the border; where nothing at the border can be the
-    catheter, it is searched from wherever a thin tube begins. With the method "auto" the trained networks then look at
-    the same images: where they are sure, they carry on in images that the tracer refuses, and take its place where it
-    found nothing or another object.
+    With three images or more of one session the result is checked: see `rejection_reason`. Where the size is stated, a
+    catheter that comes out of a sheath in view is preferred to a shaft that begins at the border. Where no shaft at the
+    border is the catheter, it is searched from every position where a thin tube begins. With the method "auto" the
+    trained networks then examine the same images: where their probability is high, they continue in images that the
+    tracer refuses, and take its place where it found nothing or another object.
 
     Raises:
-        InputError: no frame shows a catheter, what was found cannot be it, or two objects could be it.
+        InputError: no frame shows a catheter, the detected object cannot be one, or two objects could be it.
     """
     if is_resolved(settings) and (infos is None or settings.length_px is not None):
         first = infos if infos is None or isinstance(infos, SessionInfo) else next(iter(infos), None)
@@ -264,28 +264,28 @@ def _traced(
     settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo], *,
     one: bool, alike: bool, whole: bool,
 ) -> ResolvedVision:  # fmt: skip
-    """Returns what the tracer finds at the border or beyond a sheath's mouth.
+    """Returns the result of the tracer at the border or beyond the mouth of a sheath.
 
-    ``alike``: all frames are of one session; ``one``: and enough to doubt what is found. Raises InputError.
+    ``alike``: all frames are of one session; ``one``: and enough for `rejection_reason`. Raises InputError.
     """
     border: ResolvedVision | None = None
     refused: InputError | None = None
     try:
         border = _calibrated(settings, stated, frames, each, alike)
-        doubts = doubt(border, frames, each[0], whole=whole)[0] if one else ""
-        if doubts:
-            kind = _Ambiguous if doubts.startswith(TWO_OBJECTS) else InputError
-            refused = kind(f"what was found in the first {len(frames)} frames cannot be the catheter: {doubts}")
+        reason = rejection_reason(border, frames, each[0], whole=whole)[0] if one else ""
+        if reason:
+            kind = _Ambiguous if reason.startswith(TWO_OBJECTS) else InputError
+            refused = kind(f"the object found in the first {len(frames)} frames cannot be the catheter: {reason}")
     except InputError as error:
         refused = error
     searched = one and stated.base_region is None
     mouth = _beyond_mouth(settings, stated, frames, each[0], whole, sheathed=refused is None) if searched else None
     if mouth is not None:
-        return doubting(mouth)
+        return with_rejection(mouth)
     if border is None or refused is not None:
         assert refused is not None
         raise refused
-    return doubting(border) if one else border
+    return with_rejection(border) if one else border
 
 
 def _beyond_mouth(
@@ -304,8 +304,8 @@ def _beyond_mouth(
     passed: list[tuple[int, ResolvedVision, FloatArray]] = []
     for side in SIDES if stated.base_side == "auto" else (stated.base_side,):
         mouths = find_mouths(frames, side, nominal[1])
-        with_sheath = [mouth for mouth in mouths if mouth.sheath > 0.0][:_MOUTHS]
-        for mouth in with_sheath + [mouth for mouth in mouths if mouth.sheath == 0.0][:_MOUTHS]:
+        with_sheath = [mouth for mouth in mouths if mouth.sheath > 0.0][:MAX_MOUTHS]
+        for mouth in with_sheath + [mouth for mouth in mouths if mouth.sheath == 0.0][:MAX_MOUTHS]:
             if mouth.sheath == 0.0 and (passed or sheathed):
                 break
             if stated.polarity not in ("auto", mouth.polarity):
@@ -317,8 +317,8 @@ def _beyond_mouth(
                     found = _calibrated(settings, tried, frames, [info] * len(frames), True, share)
                 except InputError:
                     continue
-                doubts, count = doubt(found, frames, info, strict=True, whole=whole)
-                if not doubts and (mouth.sheath > 0.0 or count >= _CLEARLY * len(frames)):
+                reason, count = rejection_reason(found, frames, info, strict=True, whole=whole)
+                if not reason and (mouth.sheath > 0.0 or count >= _CLEARLY * len(frames)):
                     passed.append((count, found, np.array([box[0] + box[2], box[1] + box[3]]) / 2.0))
                     break
     passed.sort(key=lambda candidate: -candidate[0])

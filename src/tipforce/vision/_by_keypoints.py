@@ -6,31 +6,31 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..types import BasePose, BaseSide, CentrelinePx, DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._doubt import stands_still
+from ._rejection import stands_still
 from ._session_size import nominal_px
 from ._settings import SIDES, Box, KeypointPrior, ResolvedVision, VisionSettings
 from .keypoints import Located, consensus, locate, probability, signs
 from .tracer import Tracer
 
-_FRAMES = 3
-"""From fewer images nothing is told."""
+MIN_FRAMES = 3
+"""Fewest images of a session that are compared."""
 _SHARE = 0.2
 """In so large a share of the images the line must be right with the least probability."""
-_SHORTER, _LONGER = 0.85, 1.08
-"""What is not so long, in shares of the stated length, is not the catheter; its base may lie outside the image."""
-_BASE = 2.0
-"""So many diameters from the session's base, or less, a line begins."""
-_APART, _TIP_APART = 0.35, 1.0
-"""Two lines, or tips, further apart than so many diameters are not of the same shaft."""
-_BEYOND = 0.5
-"""Diameters: so far a line may go beyond ``roi`` or begin beside ``base_region``."""
+MIN_LENGTH_SHARE, MAX_LENGTH_SHARE = 0.85, 1.08
+"""Limits of a line's length in shares of the stated length; its base may be outside the image."""
+MAX_BASE_DIAMETERS = 2.0
+"""A line begins within this number of diameters of the session's base."""
+MAX_LINE_DIAMETERS, MAX_TIP_DIAMETERS = 0.35, 1.0
+"""Two lines, or tips, of the same shaft are at most this number of diameters apart."""
+MAX_OUTSIDE_DIAMETERS = 0.5
+"""A line may leave ``roi``, or begin beside ``base_region``, by this number of diameters."""
 
 
 def _within(points: FloatArray, box: Box | None, diameter_px: float) -> bool:
-    """Whether all ``points`` (n, 2) lie in ``box``, or hardly beyond it."""
+    """Whether all ``points`` (n, 2) are in ``box``, or at most `MAX_OUTSIDE_DIAMETERS` outside it."""
     if box is None:
         return True
-    margin = _BEYOND * diameter_px
+    margin = MAX_OUTSIDE_DIAMETERS * diameter_px
     return bool(((points >= np.array(box[:2]) - margin) & (points <= np.array(box[2:]) + margin)).all())
 
 
@@ -40,12 +40,12 @@ def find_by_keypoints(
 ) -> ResolvedVision | None:  # fmt: skip
     """Finds the catheter in ``frames`` of one session by the networks; None where they are not sure of it.
 
-    ``stated``: ``settings`` with what the metadata say of the view. ``traced``: what the tracer found: kept for images
+    ``stated``: ``settings`` with the session metadata of the view. ``traced``: the tracer's result: kept for images
     in which both are sure of the same line, else given up. ``whole``: the images are from all over the session, so that
     the catheter must have moved in some.
     """
     nominal = nominal_px(info, stated.view)
-    if nominal is None or len(frames) < _FRAMES:
+    if nominal is None or len(frames) < MIN_FRAMES:
         return None
     length_px, diameter_px = nominal
     sides = SIDES if stated.base_side == "auto" else (stated.base_side,)
@@ -55,14 +55,14 @@ def find_by_keypoints(
         lines = [
             line
             if line is not None
-            and _SHORTER * length_px < line.length_px < _LONGER * length_px
+            and MIN_LENGTH_SHARE * length_px < line.length_px < MAX_LENGTH_SHARE * length_px
             and _within(line.points, stated.roi, diameter_px)
             and _within(line.points[:1], stated.base_region, diameter_px)
             else None
             for line in lines
         ]
         found = [line for line in lines if line is not None]
-        if len(found) < _FRAMES:
+        if len(found) < MIN_FRAMES:
             continue
         base, length = consensus(found)
         sure = sum(probability(signs(line, length)) for line in found)
@@ -74,7 +74,7 @@ def find_by_keypoints(
     _, side, lines, base, length = best
     sure = [line if line is not None and probability(signs(line, length)) >= least else None for line in lines]
     kept = [line for line in sure if line is not None]
-    if len(kept) < max(_FRAMES, _SHARE * len(frames)):
+    if len(kept) < max(MIN_FRAMES, _SHARE * len(frames)):
         return None
     if whole and stands_still(np.array([line.points for line in kept]), frames):
         return None
@@ -109,14 +109,17 @@ def _agrees(tracer: Tracer, frames: Sequence[Image], lines: Sequence[Located | N
         for frame, line in zip(frames, lines, strict=True)
         if line is not None and (shape := tracer.detect(frame)).centreline is not None
     ]
-    return len(both) < _FRAMES or 2 * sum(both) > len(both)
+    return len(both) < MIN_FRAMES or 2 * sum(both) > len(both)
 
 
 def _same(one: FloatArray, other: FloatArray, diameter_px: float) -> bool:
     """Whether both lines (n, 2) are of the same shaft and end at the same tip."""
     apart = np.linalg.norm(one[:, None] - other[None], axis=-1).min(axis=1)
     tips = float(np.linalg.norm(one[-1] - other[-1]))
-    return float(np.median(apart)) < _APART * diameter_px + 1.0 and tips < _TIP_APART * diameter_px + 3.0
+    return (
+        float(np.median(apart)) < MAX_LINE_DIAMETERS * diameter_px + 1.0
+        and tips < MAX_TIP_DIAMETERS * diameter_px + 3.0
+    )
 
 
 class KeypointDetector:
@@ -152,10 +155,10 @@ class KeypointDetector:
         if line is None or not _within(line.points, vision.roi, diameter_px):
             return DetectedShape(Status.NO_CATHETER, "neither the tracer nor the networks see the catheter")
         begins = line.points[0]
-        if float(np.linalg.norm(begins - self._base)) > _BASE * diameter_px:
+        if float(np.linalg.norm(begins - self._base)) > MAX_BASE_DIAMETERS * diameter_px:
             return DetectedShape(
                 Status.NO_CATHETER,
-                f"what is seen begins at ({begins[0]:.0f}, {begins[1]:.0f}), the catheter of this session at "
+                f"the detected line begins at ({begins[0]:.0f}, {begins[1]:.0f}), the catheter of this session at "
                 f"({self._base[0]:.0f}, {self._base[1]:.0f})",
             )
         right = probability(signs(line, self._prior.length_px))
@@ -163,7 +166,7 @@ class KeypointDetector:
         if right < vision.settings.least_probability:
             return DetectedShape(
                 Status.CUT_OFF,
-                f"what ends at ({end[0]:.0f}, {end[1]:.0f}) is the catheter with a probability of {right:.0%} only",
+                f"the line to ({end[0]:.0f}, {end[1]:.0f}) is the catheter with a probability of {right:.0%} only",
             )
         way = -3.0 * begins + 4.0 * line.points[2] - line.points[4]
         return DetectedShape(

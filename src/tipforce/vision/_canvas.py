@@ -99,7 +99,7 @@ class Canvas:
         self._put(text, (round(u), round(v)), colour, self.font)
 
     def banner(self, title: str, detail: str) -> None:
-        """A red bar along the top: what is wrong, and why, broken into lines."""
+        """Draws a red bar along the top that states the fault and its reason, broken into lines."""
         big, small = 1.25 * self.font, self.font
         rows = [(title, big)] + [(line, small) for line in self._broken(detail, small)]
         heights = [round(38 * size) for _, size in rows]
@@ -172,6 +172,6 @@ def rgb(image: Image) -> Image:
 
 
 def plain(text: str) -> str:
-    """OpenCV's letters are ASCII: what is not, in its nearest spelling."""
+    """Returns ``text`` in ASCII, which OpenCV can draw; other letters get their nearest spelling."""
     spelling = {0xB0: " deg", 0xD7: "x", 0x2212: "-", 0x2013: "-", 0xB5: "u"}
     return text.translate(spelling).encode("ascii", "replace").decode()

@@ -13,9 +13,9 @@ from ..types import BasePose, BoolArray, CentrelinePx, DetectedShape, FloatArray
 from ._settings import ResolvedVision, VisionSettings
 
 DEGREE = 4
-"""Of the polynomial, thesis eq. (2)."""
+"""Degree of the polynomial, thesis eq. (2)."""
 SOLID = 0.6
-"""Base points fill at least this share of the band they lie in, and the band at most half of the border;
+"""Base points fill at least this share of the band around them, and the band at most half of the border;
 ground that was cut in two by its own noise fills half of its band."""
 
 
@@ -90,7 +90,7 @@ class ClassicDetector:
         )
 
     def steps(self, image: Image) -> ClassicSteps:
-        """Returns every intermediate result for one image; what thesis fig. 17 and 18 show."""
+        """Returns every intermediate result for one image, as in thesis fig. 17 and 18."""
         grey = grey_of(image)
         threshold, binary = self._threshold(grey)
         found: dict[str, Any] = {}
@@ -127,7 +127,7 @@ class ClassicDetector:
             inside = turn.view(_within(settings.base_region, binary))
             columns = np.flatnonzero(inside.any(axis=0))
             if not len(columns):
-                raise _Stop(Status.NO_CATHETER, f"the base region {settings.base_region} lies outside the image")
+                raise _Stop(Status.NO_CATHETER, f"the base region {settings.base_region} is outside the image")
             first, last = int(columns[0]), int(columns[-1]) + 1
             where = f"the base region {settings.base_region}"
 
@@ -187,7 +187,7 @@ class ClassicDetector:
 
     @staticmethod
     def _refuse_folds(body: BoolArray, first: int, turn: "_Turn", height: float) -> None:
-        """Stops for two runs of catheter pixels in one column: their mean row lies on neither."""
+        """Stops for two runs of catheter pixels in one column: their mean row is on neither."""
         half = max(2, round(0.5 * height))
         # Opening and closing by half a shaft: specks and highlights are not the second run that is looked for.
         kernel = np.ones((half, 1), dtype=np.uint8)
@@ -204,7 +204,7 @@ class ClassicDetector:
 
 
 class _Turn:
-    """Rotates an image so that the base lies on the left, and points back again."""
+    """Rotates an image so that the base is on the left, and points back again."""
 
     def __init__(self, side: str, box: tuple[slice, slice]) -> None:
         self.upright = side in ("top", "bottom")

@@ -16,7 +16,7 @@ X_AXIS: Colour = (255, 60, 50)
 Y_AXIS: Colour = (60, 220, 80)
 FORCE: Colour = (0, 225, 255)
 TALLEST = 4
-"""An image on a contact sheet is at most so many times as high as wide; what is more is made smaller."""
+"""Largest ratio of height to width of an image on a contact sheet; a taller one is made smaller."""
 
 
 def shaft_mask(shape: DetectedShape, size: tuple[int, int]) -> BoolArray:
@@ -61,7 +61,7 @@ def draw_estimate(
 ) -> Image:
     """Returns an RGB copy of ``image`` with the shape, the force as an arrow and in N and g, interval and status.
 
-    The arrow is what the tissue does to the tip, so its head lies on the tip; ``full_scale_n`` is as long as a quarter
+    The arrow is the force of the tissue on the tip, so its head is on the tip; ``full_scale_n`` is as long as a quarter
     of the shorter side of the image. A method that yields the magnitude alone has no arrow. An estimate that is not
     valid shows its reason and no number.
     """
@@ -133,6 +133,6 @@ def _draw_force(canvas: "Canvas", shape: DetectedShape, estimate: ForceEstimate,
     length = float(np.hypot(*vector))
     if length < 10.0 * canvas.unit / canvas.zoom:
         return  # shorter than an arrow's head
-    # A little off the tip, so that its dot stays in sight.
+    # A little off the tip, so that its dot stays visible.
     head = shape.centreline.points[-1] - vector * (4.0 * canvas.unit / canvas.zoom / length)
     canvas.arrow(head - vector * min(1.0, 1.5 * quarter / length), head, FORCE, 3.0)

@@ -17,8 +17,8 @@ from ._draw import TALLEST, contact_sheet, draw_shape
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._settings import ResolvedVision, VisionSettings
 
-_NAMED = 6
-"""So many names of images in which nothing was found are listed."""
+MAX_NAMED_IMAGES = 6
+"""Largest number of names of images without a detected catheter that are listed."""
 
 
 class InspectSettings(BaseModel):
@@ -127,15 +127,15 @@ class Tally:
 
     @property
     def share_found(self) -> float:
-        """Of the frames so far, 0..1."""
+        """Share of the frames in which the catheter was found, 0 to 1."""
         return self.statuses["valid"] / max(1, self.frames)
 
     def add(self, title: str, inspection: Inspection, name: str = "") -> None:
         """Counts one frame.
 
         Args:
-            title: stands over its drawing.
-            inspection: of the frame.
+            title: title above its drawing.
+            inspection: result of the frame.
             name: of the image file; "" where it has none.
         """
         shape = inspection.shape
@@ -175,8 +175,8 @@ class Tally:
         lines += self.reasons.lines(5)
         lost = [name for name, status in self.images.items() if status != "valid"]
         if lost:
-            more = f" and {len(lost) - _NAMED} more" if len(lost) > _NAMED else ""
-            lines.append(f"  not found in {', '.join(lost[:_NAMED])}{more}")
+            more = f" and {len(lost) - MAX_NAMED_IMAGES} more" if len(lost) > MAX_NAMED_IMAGES else ""
+            lines.append(f"  not found in {', '.join(lost[:MAX_NAMED_IMAGES])}{more}")
         return "\n".join(lines)
 
 

@@ -6,30 +6,30 @@ from ..errors import InputError
 from ..types import DetectedShape, Image, SessionInfo
 from ._auto_calibrate import auto_calibrate
 from ._detector import ShapeDetector, detector_kind
-from ._doubt import enough_images
+from ._rejection import enough_images
 from ._session_size import for_session, nominal_px, with_view
 from ._settings import BaseSide, ResolvedVision, VisionSettings
 
 _FIRST, _EVERY = 50, 5
 """The detection is resolved on the first 50 images, every fifth of them."""
-_KEPT = 16
-"""And again, whenever the session has doubled, on so many images from all over it."""
+KEPT_IMAGES = 16
+"""Images from all over the session on which it is resolved again, whenever the session has doubled."""
 
 
 def session_vision(
     settings: VisionSettings, images: Sequence[Image], info: SessionInfo
 ) -> ResolvedVision | VisionSettings:
-    """Resolves what ``settings`` leave open on ``images`` of one session.
+    """Resolves the open values of ``settings`` on ``images`` of one session.
 
     Args:
-        settings: what the user says.
+        settings: the settings of the user.
         images: of the session; from all over it, since the ground beneath the tip must change.
         info: its metadata.
 
     Returns:
         The resolved settings. Where no catheter is found in ``images``, settings that refuse every image and say why:
-        what was refused in all images together would else be found in one. Where the images are too few, or the
-        metadata too little, to refuse it: ``settings`` with what the metadata state of the view, for each image by
+        an object that was refused in all images together would else be found in one. Where the images are too few, or
+        the metadata too little, to refuse it: ``settings`` with the session metadata of the view, for each image by
         itself.
     """
     try:
@@ -51,13 +51,13 @@ def _any_way(settings: VisionSettings) -> ResolvedVision:
 class SessionDetector:
     """Detects the catheter in the images of one session.
 
-    Images that are at hand beforehand resolve what the settings leave open, once: every verb that is given the same
+    Images that are at hand beforehand resolve the open settings, once: every verb that is given the same
     images then detects the same shapes in them. Without such images detection begins with ``shared``, else with each
     image by itself, and is resolved on the session's own images as these come.
 
     Args:
-        settings: what the user says.
-        info: the session's metadata; what they state holds in each of these ways.
+        settings: the settings of the user.
+        info: the session's metadata; its facts hold in each of these ways.
         images: of the session, from all over it; see `calibration_rows`.
         shared: resolved in another session. It is scaled to this one.
     """
@@ -87,7 +87,7 @@ class SessionDetector:
 
     @property
     def key(self) -> str:
-        """What a shape depends on beside the image, as text: the settings, and the metadata where these are open."""
+        """The settings, and the metadata where these are open, as text: a shape depends on them and the image alone."""
         stated = "" if isinstance(self.vision, ResolvedVision) else repr((self._info.catheter, self._info.views))
         return self.vision.model_dump_json() + stated
 
@@ -108,8 +108,8 @@ class SessionDetector:
 class SessionCalibration:
     """Resolves the detection on the images of one session as these come.
 
-    While the catheter stands still, so does what lies beneath it: therefore it is resolved again as the session goes
-    on, whenever it has doubled.
+    While the catheter does not move, the ground beneath it does not change: therefore it is resolved again as the
+    session goes on, whenever it has doubled.
     """
 
     def __init__(self, settings: VisionSettings, info: SessionInfo) -> None:
@@ -125,7 +125,7 @@ class SessionCalibration:
         if self._count < self._next:
             return None
         self._next = 2 * self._count
-        while len(self._kept) > _KEPT:
+        while len(self._kept) > KEPT_IMAGES:
             self._kept, self._every = self._kept[::2], 2 * self._every
         try:
             return auto_calibrate(self._settings, self._kept, self._info, whole=False)

@@ -10,8 +10,8 @@ from ..types import FloatArray, Image, SessionInfo
 from ._settings import ResolvedVision, VisionSettings
 from ._tip_consensus import axis_offset, build_tip_template, common_tip, shift_tip
 
-_WIDER = 1.03
-"""Detected flanks are so much further apart than the catheter is thick: blur and the lustre of its rim."""
+FLANK_RATIO = 1.03
+"""Ratio of the distance of the detected flanks to the diameter: blur and the lustre of the rim widen it."""
 _SHOWN, _GIVE = 0.97, 0.08
 """Share of the nominal length that is visible of a catheter that enters at the border, and its tolerance."""
 _FRAMES = 3
@@ -32,7 +32,7 @@ def nominal_px(info: SessionInfo, view: str) -> tuple[float, float] | None:
 
 
 def with_view(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
-    """Returns ``settings`` with what the session metadata state of the view, where these are open."""
+    """Returns ``settings`` with the session metadata of the view, where these are open."""
     view = info.view(settings.view)
     stated = {
         "base_side": view.base_side if settings.base_side == "auto" else None,
@@ -59,14 +59,14 @@ def with_nominal(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
         update["length_px"] = round((_SHOWN if vision.base_region is None else 1.0) * length_px, 2)
         update["length_tolerance"] = _GIVE
     if scale is not None and catheter.diameter_m is not None and vision.diameter_px is None:
-        update["diameter_px"] = round(_WIDER * catheter.diameter_m / scale, 2)
+        update["diameter_px"] = round(FLANK_RATIO * catheter.diameter_m / scale, 2)
     return vision.model_copy(update=update)
 
 
 def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
-    """Returns ``vision`` for another session: with what its metadata state of the view, its catheter and its scale.
+    """Returns ``vision`` for another session: with its metadata of the view, the catheter and the scale.
 
-    Where these are unknown it stays as it is. What the networks found in one session is left out in another.
+    Where these are unknown it stays as it is. The findings of the networks in one session are left out in another.
 
     >>> from tipforce.types import Catheter, ViewInfo
     >>> settings = VisionSettings(polarity="dark", base_side="left", length_px=230.0, diameter_px=12.0)
@@ -90,7 +90,7 @@ def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
 
 
 def _with_stated_view(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
-    """Returns ``vision`` with what the metadata state of the view, in place of what was found in another session."""
+    """Returns ``vision`` with the session metadata of the view, in place of the findings in another session."""
     stated = with_view(vision.settings, info)
     update: dict[str, object] = {}
     if stated.base_side not in ("auto", vision.base_side):
@@ -110,7 +110,7 @@ def learn_length(
     """Returns ``vision`` with the length in the images: the median over the sessions, each from all of its images.
 
     ``lines``: the centreline of each image, None where it was not detected. The length of one session is well known;
-    sessions differ in how far the catheter stands out of its sheath.
+    sessions differ in the length of catheter outside of the sheath.
     """
     sessions: dict[str, list[int]] = {}
     for k, (info, line) in enumerate(zip(infos, lines, strict=True)):

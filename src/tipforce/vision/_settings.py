@@ -16,7 +16,7 @@ _FoundPx = Annotated[float, Field(gt=0, le=1e9)]
 
 
 class VisionSettings(BaseModel):
-    """What a user says about the detection. "auto" and None are resolved on images, by `auto_calibrate`.
+    """Settings of the user for detection. "auto" and None are resolved on images, by `auto_calibrate`.
 
     Boxes are (u0, v0, u1, v1) in pixels: left, top, right, bottom, the last two exclusive.
     """
@@ -36,7 +36,7 @@ class VisionSettings(BaseModel):
     base_side: BaseSide = "auto"
     """The border of the image (or of ``roi``) that the catheter enters from, or points away from."""
     base_region: Box | None = None
-    """A marked box across the shaft where the base lies, for catheters that do not reach the border."""
+    """A marked box across the shaft at its base, for catheters that do not reach the border."""
     roi: Box | None = None
     """Only this part of the image is searched."""
     threshold: _GreyLevel | None = None
@@ -44,7 +44,7 @@ class VisionSettings(BaseModel):
     base_columns: Annotated[int, Field(ge=2, le=10_000)] = 20
     """Columns (rows for a base at the top or bottom) scanned for base points: thesis algorithm 1, ``BS = N``."""
     diameter_px: Annotated[float, Field(gt=1, le=10_000)] | None = None
-    """Diameter of the shaft in the image: a check on what is found."""
+    """Diameter of the shaft in the image, against which the detected one is checked."""
     length_px: Annotated[float, Field(gt=1, le=100_000)] | None = None
     """Length of the catheter from the base line to its tip in the image. None: unknown."""
     length_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.08
@@ -59,14 +59,14 @@ class VisionSettings(BaseModel):
 
 
 class KeypointPrior(BaseModel):
-    """What the networks found in the images of one session."""
+    """Findings of the networks in the images of one session."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     session: str
     """Its name: in another session they are not asked."""
     base_px: tuple[_PlacePx, _PlacePx]
-    """Where the catheter's base lies: u, v."""
+    """Position of the catheter's base: u, v."""
     length_px: _FoundPx
     """Length of the catheter in the image, from its base or the border to its tip."""
     alone: bool
@@ -74,7 +74,7 @@ class KeypointPrior(BaseModel):
 
 
 class ResolvedVision(BaseModel):
-    """`VisionSettings` with the values that auto-calibration found; what is stated in the settings stands.
+    """`VisionSettings` with the values that auto-calibration found; stated settings are kept.
 
     Lengths in px of the images of the auto-calibration; `for_session` scales them. Saved as JSON.
     """
@@ -82,7 +82,7 @@ class ResolvedVision(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     settings: VisionSettings
-    """What the user said."""
+    """The settings of the user."""
     polarity: Literal["dark", "light"]
     base_side: Literal["left", "right", "top", "bottom"]
     base_region: Box | None = None
@@ -129,25 +129,25 @@ class ResolvedVision(BaseModel):
 
     @property
     def method(self) -> Literal["auto", "tracer", "classic"]:
-        """Of the settings."""
+        """Method of the settings."""
         return self.settings.method
 
     @property
     def view(self) -> str:
-        """Of the settings."""
+        """View of the settings."""
         return self.settings.view
 
     @property
     def base_columns(self) -> int:
-        """Of the settings."""
+        """Base columns of the settings."""
         return self.settings.base_columns
 
     @property
     def max_gap_px(self) -> float:
-        """Of the settings."""
+        """Longest gap of the settings."""
         return self.settings.max_gap_px
 
     @property
     def points(self) -> int:
-        """Of the settings."""
+        """Number of points of the settings."""
         return self.settings.points

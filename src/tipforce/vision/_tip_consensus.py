@@ -1,12 +1,12 @@
 """The tip of the catheter from many images of one session: its arc length, the axis there, and its template.
 
-In one image an edge of the ground may lie under the tip and have more contrast than the tip itself. But the catheter
+In one image an edge of the ground may be under the tip and have more contrast than the tip itself. But the catheter
 moves over the ground. So the strip of image along each centreline is cut out, and the steps of colour along it are
 averaged over the images at equal arc length, with their signs: the tip stays in place and adds up, the ground does not.
 
-A centreline that is extended straight from the shaft may lie beside a metal tip in most images of a session, always on
-the same side; the tip template would then be learnt beside it too. But a tip is round: what lies left of its axis lies
-right of it as well. So the strips along the last stretch are averaged, which blurs the ground, and the centreline is
+A centreline that is extended straight from the shaft may be beside a metal tip in most images of a session, always on
+the same side; the tip template would then be learnt beside it, too. But a tip is round: it is symmetric about its
+axis. So the strips along the last stretch are averaged, which blurs the ground, and the centreline is
 shifted to where their steps of colour are mirror images best.
 """
 
@@ -21,14 +21,14 @@ from .tracer import TEMPLATE_COLUMNS, TEMPLATE_ROWS, TEMPLATE_WIDTH
 
 _STEP_PX = 0.5
 _ACROSS, _WIDTH = 9, 0.85
-"""Points across the shaft, and how far the outermost lie from the axis in radii."""
+"""Points across the shaft, and the distance of the outermost from the axis in radii."""
 _WINDOW, _APART_PX = 0.35, 0.5
 """Length that is compared before and behind a point, in radii, and its distance from the point: edges are not sharp."""
 _OUTLINE, _RIM = 0.5, 1.1
 """The bright middle of a metal tip may have more contrast to its dark rim than the rim to the ground: the outermost
-step of this share of the clearest counts, if it lies within so many radii behind that."""
+step of this share of the clearest counts, if it is within this number of radii behind that."""
 _REACH = 0.5
-"""How far in radii the tip of a single image may lie from the common one."""
+"""Largest distance in radii of the tip of a single image from the common one."""
 _LEAST = 5.0
 """Grey levels, root mean square over points and channels, that the common step must have."""
 _LONG, _FROM = 9.0, 0.8
@@ -38,7 +38,7 @@ _CELLS = 8
 _MOST = 12
 """Largest sideways shift of the tip, in cells."""
 _LOW, _HIGH = 5, 9
-"""A flank lies so many cells from the axis: lustre ends nearer to it, a shadow further off."""
+"""Distance of a flank from the axis in cells: lustre ends nearer to it, a shadow further off."""
 _GROUPS = 4
 _BETTER = 1.1
 """By this factor the symmetry must be better beside the line than on it."""
@@ -65,7 +65,7 @@ def common_tip(
     if len(at) < 3 * margin:
         return None
     beside = _WIDTH * np.linspace(-1.0, 1.0, _ACROSS)
-    back = 1.0 - np.sqrt(1.0 - beside**2)  # the front is round: beside the axis it lies further back
+    back = 1.0 - np.sqrt(1.0 - beside**2)  # the front is round: beside the axis it is further back
     steps = np.array(
         [
             _steps(_read_along(image, line, half, at, beside, back), window)
@@ -100,7 +100,7 @@ def flanks_about_tip(
     """Returns how clear both flanks are before the tip, at arc length ``length``, and straight on beyond it.
 
     In grey levels, medians over the images and over stretches of some radii: on the shaft before a metal tip may begin,
-    and just beyond the tip, where a catheter has no flanks, whatever lies there.
+    and just beyond the tip, where a catheter has no flanks.
     """
     at = np.arange(*_BEFORE, _FLANK_STEP), np.arange(*_BEYOND, _FLANK_STEP)
     outer = len(_FLANK_OUT)
@@ -123,8 +123,8 @@ def build_tip_template(
 ) -> tuple[int, ...]:
     """Returns the grey levels over the last stretch of a catheter of known ``length``, as `Tracer` uses them.
 
-    The median over that half of the images that are most like all: in some the line lies beside the catheter, or
-    something covers it.
+    The median over that half of the images that are most like all: in some the line is beside the catheter, or
+    another object covers it.
     """
     at = length - half * (np.arange(TEMPLATE_ROWS, dtype=np.float64)[::-1] + 0.5)
     beside = TEMPLATE_WIDTH * np.linspace(-1.0, 1.0, TEMPLATE_COLUMNS)
@@ -169,7 +169,7 @@ def _steps(strip: FloatArray, window: int) -> FloatArray:
 
 
 def axis_offset(images: Sequence[Image], lines: Sequence[FloatArray], half: float, length: float) -> float:
-    """Returns how far in px, on average, the tip lies beside the ``lines`` (k, 2), to their right; 0 if on them.
+    """Returns the mean distance in px of the tip from the ``lines`` (k, 2), to their right; 0 if on them.
 
     ``half``: the radius of the shaft in px. ``length``: arc length from the first point of a line to the tip, in px.
     """

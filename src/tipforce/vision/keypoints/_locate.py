@@ -13,10 +13,10 @@ from ._strip import ACROSS, ALONG, HALF_WIDTH, Strip, evenly, straightened
 from ._upright import STRIDE, normalised, upright
 
 _DEGREE = 5
-"""Of the rough line through the points."""
+"""Degree of the rough line through the points."""
 _RIDGE = 1e-3
 _INTERVALS = 9
-"""Of the spline along the strip."""
+"""Number of intervals of the spline along the strip."""
 _LEAST_SPREAD = 0.02
 """No offset is trusted to more than this share of the diameter."""
 _CLEAR = 1.0 / 7.0
@@ -25,9 +25,9 @@ _LEAST_MASS = 0.02
 _LEAST_MEDIAN_MASS = 0.05
 """With less for the median point the network sees no catheter."""
 _SHORTEST, _FEWEST = 0.3, 8
-"""A line covers this share of the strip, and so many samples of it lie in the image."""
+"""A line covers this share of the strip, and has this number of samples in the image."""
 _BEYOND = 0.02
-"""Weight of what lies beyond the ends."""
+"""Weight of the samples beyond the ends."""
 _SAMPLES = 400
 _SHORTEST_PX, _WIDEST = 42.0, 12.0
 """A shorter catheter would be magnified more than twice; and the longer side of an image in lengths of the catheter."""
@@ -46,14 +46,14 @@ class Located:
     end_spread: float
     """The largest one of the last fifth."""
     base_peak: float
-    """Probability of the base within a station of its peak; 1 where it lies outside the image."""
+    """Probability of the base within a station of its peak; 1 where it is outside the image."""
     tip_peak: float
     right: float
     """Logit that the strip is the catheter's; the least of both rounds."""
     clear: float
     """Share of the stations whose offset is known to a seventh of the diameter."""
     darker: bool
-    """The shaft is darker than what lies beside it."""
+    """Whether the shaft is darker than the ground beside it."""
 
 
 def _peaks(logits: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -80,7 +80,7 @@ def _rough_line(points: FloatArray, mass: FloatArray) -> FloatArray:
     heavy = np.maximum(mass, _LEAST_MASS)
     ridge = _RIDGE * np.diag(np.arange(_DEGREE + 1.0) ** 4) * heavy.mean()
     weight, found = heavy, np.zeros((_DEGREE + 1, 2))
-    for _ in range(3):  # a point that lies far off the others' line is another object's
+    for _ in range(3):  # a point far off the others' line is another object's
         found = np.linalg.solve(basis.T @ (weight[:, None] * basis) + ridge, basis.T @ (weight[:, None] * points))
         weight = heavy / (1.0 + (np.linalg.norm(points - basis @ found, axis=1) / STRIDE) ** 2)
     return np.asarray(legendre.legvander(np.linspace(-1.0, 1.0, _SAMPLES), _DEGREE) @ found, np.float64)
@@ -96,7 +96,7 @@ def _expected(probability: FloatArray) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Followed:
-    """A better ``line`` (n, 2), what it was read in, and the peaks' probabilities of base and tip."""
+    """A better ``line`` (n, 2), the strip that it was read in, and the peaks' probabilities of base and tip."""
 
     line: FloatArray
     strip: Strip
@@ -112,7 +112,7 @@ def _follow(image: Image, line: FloatArray, diameter_px: float) -> _Followed:
     points = strip.points + (diameter_px * read.offset)[:, None] * strip.normals
     base, base_peak = _expected(read.base)
     first = int(strip.seen.argmax())
-    if base < first + 0.5:  # the base lies outside the image: the line begins at the border
+    if base < first + 0.5:  # the base is outside the image: the line begins at the border
         base, base_peak = max(first - 1.0, 0.0), 1.0
     tip, tip_peak = _expected(read.tip)
     tip = min(max(tip, base + _SHORTEST * ALONG), ALONG - 1.0)
@@ -131,7 +131,7 @@ def locate(image: Image, base_side: BaseSide, length_px: float, diameter_px: flo
     So too where the catheter is shorter than 42 px or the image is more than twelve times as long as it: the networks
     have learnt nothing of these.
 
-    ``base_side``: where the catheter comes from. ``points``: so many the centreline has.
+    ``base_side``: side of the base. ``points``: number of points of the centreline.
     """
     if length_px < _SHORTEST_PX or max(image.shape[:2]) > _WIDEST * length_px:
         return None

@@ -14,14 +14,14 @@ _Float32 = npt.NDArray[np.float32]
 
 
 class Offsets(NamedTuple):
-    """What the second network reads in a strip; each (ALONG,) but ``right``."""
+    """Result of the second network for a strip; each (ALONG,) but ``right``."""
 
     offset: FloatArray
-    """Of the axis along the normal, in diameters."""
+    """Distance of the axis along the normal, in diameters."""
     spread: FloatArray
     """Scale of the offset's error (Laplace), in diameters."""
     base: FloatArray
-    """Probability that the base lies at this station."""
+    """Probability that the base is at this station."""
     tip: FloatArray
     right: float
     """Logit: the strip is the catheter's."""

@@ -12,7 +12,7 @@ from ._locate import Located
 
 
 class Signs(NamedTuple):
-    """What tells a right line from a wrong one; logarithms but for the first and the last.
+    """Features that separate a right line from a wrong one; logarithms but for the first and the last.
 
     In order: logit of the second network; mean mass of the rough points; the offsets' median error, and the largest one
     before the tip; the peaks' probabilities of base and tip; how far the length is off the session's, in steps of 2 %.
@@ -29,7 +29,7 @@ class Signs(NamedTuple):
 
 _INTERCEPT = -0.38
 _WEIGHTS = Signs(0.0993, 2.07, 0.0887, -0.858, 2.44, 6.32, -0.262)
-"""Of a logistic regression on simulated sessions that the networks were not trained on: docs/results/vision.md."""
+"""Weights of a logistic regression on simulated sessions that were not used in training (docs/results/vision.md)."""
 _MOST = 6.0
 """Larger logits say no more."""
 _SUREST = 0.5

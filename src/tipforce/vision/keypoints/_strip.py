@@ -17,7 +17,7 @@ _REACH = 0.12
 HALF_WIDTH = 1.6
 """Half of its width in diameters."""
 _FINE = 3
-"""The image is read at so many places for each station, so that no px is passed over."""
+"""Samples of the image for each station, so that no pixel is skipped."""
 _CONTRAST_FLOOR = 6.0
 
 
@@ -36,7 +36,7 @@ class Strip:
 
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
-        """(ALONG,): which stations lie in the image."""
+        """(ALONG,): whether each station is in the image."""
         return np.asarray(self.inside[ACROSS // 2 - 1 : ACROSS // 2 + 1].any(axis=0))
 
 

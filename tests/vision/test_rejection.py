@@ -1,4 +1,4 @@
-"""Detection that doubts itself, on drawn sessions: sheaths, posts, two objects."""
+"""Detection that rejects an object that cannot be the catheter, on drawn sessions: sheaths, posts, two objects."""
 
 from dataclasses import replace
 from typing import Any
@@ -17,7 +17,7 @@ from tipforce.vision import (
     auto_calibrate,
     session_vision,
 )
-from tipforce.vision._doubt import doubt
+from tipforce.vision._rejection import rejection_reason
 
 SIZE, SCALE = (320, 240), 4
 DIAMETER, LENGTH = 10.0, 180.0
@@ -95,10 +95,10 @@ def test_a_shaft_out_of_a_sheath_is_preferred_to_what_begins_at_the_border(monke
         return calibrated(*given) if given[1].base_region else at_border
 
     def trusting(vision: ResolvedVision, *given: Any, strict: bool = False, **more: Any) -> tuple[str, int]:
-        return doubt(vision, *given, strict=strict, **more) if strict else ("", len(images))
+        return rejection_reason(vision, *given, strict=strict, **more) if strict else ("", len(images))
 
     monkeypatch.setattr(_auto_calibrate, "_calibrated", or_at_border)
-    monkeypatch.setattr(_auto_calibrate, "doubt", trusting)
+    monkeypatch.setattr(_auto_calibrate, "rejection_reason", trusting)
     assert auto_calibrate(VisionSettings(), images, SESSION).base_region == beyond_mouth.base_region is not None
 
 

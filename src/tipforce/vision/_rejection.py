@@ -1,7 +1,7 @@
-"""Doubts about a calibrated detection: whether what it finds in a session's images is what a catheter can be.
+"""Checks of a calibrated detection: can the object that it finds in a session's images be a catheter?
 
-A catheter has a base that stays, one width, the stated diameter, and it moves or bends when the images change. What is
-dark and long alone may be a post, an edge, or a sheath with the shaft behind it.
+A catheter has a base that stays, one width, the stated diameter, and it moves or bends when the images change. A dark
+and long object alone may be a post, an edge, or a sheath with the shaft behind it.
 """
 
 import math
@@ -18,46 +18,46 @@ from ._tip_consensus import flanks_about_tip
 from .tracer import Trace, Tracer
 
 TWO_OBJECTS = "two objects could be the catheter"
-_FRAMES = 3
-"""From fewer images of a session nothing is told."""
-_SHARE, _SHARE_STRICT = 1 / 3, 0.45
-"""In so large a share of the images the catheter must be found; the second where `doubt` is strict."""
+MIN_FRAMES = 3
+"""Fewest images of a session that are checked."""
+MIN_FOUND_SHARE, MIN_FOUND_SHARE_STRICT = 1 / 3, 0.45
+"""The catheter must be found in this share of the images; the second value holds where `rejection_reason` is strict."""
 _SURE = 0.2
 """In so large a share of the images the line must be right with the least probability of the settings."""
 _THINNER, _THICKER, _DIAMETER_PX = 0.22, 0.3, 0.3
-"""The width found may differ from the stated diameter by these shares, and so many px: 5 % of the diameter and 2 % of
-the scale, and what blur, gloss and shadow at the flanks make of a thin tube."""
+"""The detected width may differ from the stated diameter by these shares, plus px: 5 % of the diameter, 2 % of
+the scale, and the effect of blur, gloss and shadow at the flanks of a thin tube."""
 _BASE, _BASE_PX, _TURN = 0.5, 2.0, 0.15
-"""The base may lie so many diameters (but at least px) and radians apart in different images."""
+"""Largest distance of the base in diameters (but at least px), and of its angle in radians, between images."""
 _STAYS = 0.75
 """In so large a share of the images."""
 _STEP, _STEP_PX = 1.16, 1.2
-"""A shaft that grows thinner at once by this ratio, and by so many px, came out of something thicker."""
+"""A shaft whose width decreases by this ratio and this number of px in one step came out of a thicker tube."""
 _FLANKS_GREY, _BEYOND = 8.0, 0.25
-"""Before the tip the flanks must separate so many grey levels, and beyond it less than this share of that."""
+"""Before the tip the flanks must separate this number of grey levels, and beyond it less than this share of that."""
 _EACH = 0.9
-"""In so large a share of the images they must, where `doubt` is strict."""
+"""Share of the images in which they must, where `rejection_reason` is strict."""
 _LENGTH = 0.08
 """A length may differ from the stated one by this share: 5 % of the catheter, 2 % of the scale, and the base."""
 _SPREAD = 0.02
 """The lengths found in the images of a session may scatter by this share (standard deviation)."""
 _STILL_PX, _STILL_LINES = 0.1, 80.0
-"""A line half of which lies nearer to one and the same curve in so many percent of the images does not bend or move
-across itself: a post, an edge, or a cable that something moves over. Half of a catheter moved by 0.15 px and more in
-all sessions that were looked at."""
+"""A line of which half is nearer than this to one and the same curve, in this percentage of the images, does not bend
+or move across itself: a post, an edge, or a cable that another object crosses. Half of a catheter moved by 0.15 px
+and more in all sessions that were examined."""
 _ELSEWHERE, _OFTEN, _TWICE = 3.0, 0.1, 2
-"""What begins so many diameters away in so large a share of the images, but in two at least, is another object."""
+"""An object that begins this number of diameters away, in this share of the images, in two at least, is another one."""
 _CELL, _CHANGED_GREY, _CHANGED = 8, 8.0, 0.004
-"""The images differ where this share of cells of so many px changes by so many grey levels."""
+"""The images differ where this share of cells of this size in px changes by this number of grey levels."""
 
 
 def enough_images(frames: Sequence[Image]) -> bool:
-    """Whether `doubt` can tell anything of ``frames``."""
-    return len(frames) >= _FRAMES
+    """Whether there are enough ``frames`` for `rejection_reason`."""
+    return len(frames) >= MIN_FRAMES
 
 
-def doubting(vision: ResolvedVision) -> ResolvedVision:
-    """Returns ``vision`` with each frame doubted: refused where its line is not right with the least probability.
+def with_rejection(vision: ResolvedVision) -> ResolvedVision:
+    """Returns ``vision`` that refuses each frame whose line is not right with the least probability.
 
     Unchanged where the catheter's size is not stated.
     """
@@ -67,20 +67,20 @@ def doubting(vision: ResolvedVision) -> ResolvedVision:
 
 
 def _remedy(marked: bool) -> str:
-    """What a person can do; ``marked``: the base is marked already."""
+    """Returns the remedy for the user; ``marked``: the base is marked already."""
     if marked:
-        return "base_region must lie across the shaft right behind its base, and roi leave out what is like it"
+        return "base_region must cross the shaft right behind its base, and roi must exclude similar objects"
     return "mark the shaft's base with base_region"
 
 
-def doubt(
+def rejection_reason(
     vision: ResolvedVision, frames: Sequence[Image], info: SessionInfo, strict: bool = False, whole: bool = True
 ) -> tuple[str, int]:
-    """Returns why what ``vision`` finds in images of one session cannot be the catheter, "" where nothing says so.
+    """Returns why the object that ``vision`` finds in images of one session cannot be the catheter, "" if it can.
 
-    And in how many of ``frames`` it was found. Says what was found, what was expected, and what to do. ``strict``: the
-    base is a guess itself, so the end must be clear in nearly all images, and the length the same. ``whole``: the
-    images are from all over the session, so that the catheter must have moved in some.
+    The second value is the number of ``frames`` in which it was found. The text states the finding, the expectation
+    and the remedy. ``strict``: the base is a guess itself, so the end must be clear in nearly all images, and the
+    length the same. ``whole``: the images are from all over the session, so the catheter must have moved in some.
     """
     tracer = Tracer(for_session(vision, info))
     found: list[tuple[Trace, FloatArray, Image]] = []
@@ -90,18 +90,18 @@ def doubt(
             found.append((trace, tracer.points.copy(), frame))
     count = len(found)
     mark = _remedy(vision.base_region is not None and not strict)
-    if count < (_SHARE_STRICT if strict else _SHARE) * len(frames):
+    if count < (MIN_FOUND_SHARE_STRICT if strict else MIN_FOUND_SHARE) * len(frames):
         return f"a shaft was followed to its end in only {count} of {len(frames)} images: {mark}", count
     traces, lines = [trace for trace, _, _ in found], np.array([line for _, line, _ in found])
     width = statistics.median(trace.diameter_px for trace in traces)
     stated = vision.nominal_px
     off = width - stated[1] if stated else 0.0
     if stated and abs(off) > (_THICKER if off > 0.0 else _THINNER) * stated[1] + _DIAMETER_PX:
-        return f"what was found is {width:.1f} px wide, the stated diameter is {stated[1]:.1f} px: {mark}", count
+        return f"the object found is {width:.1f} px wide, the stated diameter is {stated[1]:.1f} px: {mark}", count
     at = _step(traces, width)
     if at:
         return (
-            f"what was found grows thinner at ({at[0]:.0f}, {at[1]:.0f}) in most images, as at the mouth of a sheath: "
+            f"the object grows thinner at ({at[0]:.0f}, {at[1]:.0f}) in most images, as at the mouth of a sheath: "
             "mark the place behind it with base_region"
         ), count
     two = _two_bases(traces, width)
@@ -109,14 +109,14 @@ def doubt(
         return f"{TWO_OBJECTS}: {two}: {mark}", count
     stays = _stays(traces, width)
     if stays < _STAYS:
-        return f"what was found has no base that stays: it stays in {stays:.0%} of the images only: {mark}", count
+        return f"the object found has no base that stays: it stays in {stays:.0%} of the images only: {mark}", count
     if whole and stands_still(lines, frames):
         end = lines[0, -1]
         return (
-            f"what was found, as far as ({end[0]:.0f}, {end[1]:.0f}), neither moves nor bends while the images "
+            f"the object found, as far as ({end[0]:.0f}, {end[1]:.0f}), neither moves nor bends while the images "
             f"change: a post or an edge does so: {mark}"
         ), count
-    if stated and count >= _FRAMES:
+    if stated and count >= MIN_FRAMES:
         sure = sum(trace.probability >= vision.settings.least_probability for trace in traces)
         if sure < _SURE * len(frames):
             return f"its flanks and its tip are clear in only {sure} of {len(frames)} images: {mark}", sure
@@ -126,7 +126,10 @@ def doubt(
         if length > (1.0 + _LENGTH) * stated[0] or (strict and length < (1.0 - _LENGTH) * stated[0]):
             unclear = "that is not the stated length"
         if unclear:
-            return f"what was found ends after {length:.0f} px (stated: {stated[0]:.0f}), but {unclear}: {mark}", count
+            return (
+                f"the object ends after {length:.0f} px (stated: {stated[0]:.0f}), but {unclear}: {mark}",
+                count,
+            )
     return "", count
 
 
@@ -157,7 +160,7 @@ def _step(traces: Sequence[Trace], width: float) -> tuple[float, float] | None:
 
 
 def _stays(traces: Sequence[Trace], width: float) -> float:
-    """Returns the share of the images in which the base lies, and points, where it does in most."""
+    """Returns the share of the images in which the base has the position and direction that it has in most."""
     bases = np.array([trace.base for trace in traces])
     middle = np.median(bases[:, :2], axis=0)
     way = math.atan2(float(np.median(np.sin(bases[:, 2]))), float(np.median(np.cos(bases[:, 2]))))
@@ -167,12 +170,12 @@ def _stays(traces: Sequence[Trace], width: float) -> float:
 
 
 def stands_still(lines: FloatArray, frames: Sequence[Image]) -> bool:
-    """Whether what has the ``lines`` (n, k, 2) neither moves nor bends while ``frames`` change."""
-    return len(lines) >= _FRAMES and _still(lines) and _images_differ(frames)
+    """Whether an object with the ``lines`` (n, k, 2) neither moves nor bends while ``frames`` change."""
+    return len(lines) >= MIN_FRAMES and _still(lines) and _images_differ(frames)
 
 
 def _still(lines: FloatArray) -> bool:
-    """Whether most ``lines`` (n, k, 2) lie on one curve, however far each goes along it."""
+    """Whether most ``lines`` (n, k, 2) are on one curve, however far each goes along it."""
     apart = np.empty((len(lines), len(lines)))
     for row, curve in zip(apart, lines, strict=True):
         ways = np.diff(curve, axis=0)
