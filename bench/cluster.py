@@ -19,8 +19,8 @@ from pathlib import Path
 
 from bench.machine import machine
 
-from tipforce._executor import Executor, LocalExecutor
-from tipforce._ray import RayExecutor
+from tipforce._system.executor import Executor, LocalExecutor
+from tipforce._system.ray import RayExecutor
 from tipforce.pipelines import simulate_dataset
 
 PER_SESSION = 20

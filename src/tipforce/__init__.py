@@ -10,7 +10,7 @@ Names are loaded when they are first used, so that ``import tipforce`` takes a m
 import logging
 from typing import TYPE_CHECKING
 
-from ._lazy import loaded_on_use as _loaded_on_use
+from ._system.lazy import loaded_on_use as _loaded_on_use
 from .errors import TipforceError
 
 if TYPE_CHECKING:

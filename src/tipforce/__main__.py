@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 
-from ._processes import ENDING, Interrupted, ending_signals, signals_end_the_program
+from ._system.processes import ENDING, Interrupted, ending_signals, signals_end_the_program
 
 _INTERRUPTED = {128 + each for each in ENDING}
 

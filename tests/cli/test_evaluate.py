@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from tipforce._executor import LocalExecutor
+from tipforce._system.executor import LocalExecutor
 from tipforce.cli import app
 from tipforce.errors import TipforceError
 from tipforce.pipelines import evaluate

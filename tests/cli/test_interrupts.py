@@ -71,7 +71,7 @@ def told_of(program: str) -> list[str]:
 
 ENDING = """
 import os, signal, time
-from tipforce._processes import Interrupted, signals_end_the_program, run_child, worker_pool
+from tipforce._system.processes import Interrupted, signals_end_the_program, run_child, worker_pool
 def interrupt():
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.01)

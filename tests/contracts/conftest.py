@@ -12,7 +12,7 @@ import cv2
 import pytest
 from typer.testing import CliRunner
 
-from tipforce._registry import Registry
+from tipforce._system.registry import Registry
 from tipforce.cli import app
 from tipforce.io import open_source
 from tipforce.pipelines import import_session, simulate

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows h
 PROGRAM = """
 import sys, time
 import numpy as np
-from tipforce._processes import Interrupted, signals_end_the_program
+from tipforce._system.processes import Interrupted, signals_end_the_program
 from tipforce.errors import InputError
 from tipforce.hardware import AxisConfig, GrblConfig, GrblStage, HardwareSource
 from tipforce.pipelines import HoldSettings, LiveControl

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import tipforce
-from tipforce._json import MAX_BYTES, MAX_DEPTH, parse_json, parse_json_lines, read_json
+from tipforce._system.json_files import MAX_BYTES, MAX_DEPTH, parse_json, parse_json_lines, read_json
 from tipforce.errors import FileFormatError, InputError
 from tipforce.types import read_bench
 
@@ -60,7 +60,12 @@ def test_a_line_that_is_no_object_is_named() -> None:
 
 def test_json_is_read_through_one_gate_only() -> None:
     """But what the program wrote itself a moment before, in memory, and what stands on the command line."""
-    others = {"_json.py", "cli/_settings.py", "simulation/_session_files.py", "simulation/world/_session.py"}
+    others = {
+        "cli/_settings.py",
+        "simulation/_session_files.py",
+        "simulation/world/_session.py",
+        "_system/json_files.py",
+    }
     source = Path(tipforce.__file__).parent
     used = {
         path.relative_to(source).as_posix()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tipforce._npz import read_npz
+from tipforce._system.npz import read_npz
 from tipforce.errors import FileFormatError
 
 

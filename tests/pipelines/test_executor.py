@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from tipforce import _ray
-from tipforce._executor import Executor, LocalExecutor, executor_of
+from tipforce._system import ray
+from tipforce._system.executor import Executor, LocalExecutor, executor_of
 from tipforce.errors import InputError, MissingExtraError
 from tipforce.pipelines import _train
 from tipforce.types import SessionInfo
@@ -35,7 +35,7 @@ def test_an_executor_is_chosen_by_name_or_given() -> None:
     assert executor_of("local") == LocalExecutor()
     mine = LocalExecutor(1)
     assert executor_of(mine) is mine
-    assert isinstance(_ray.RayExecutor(), Executor)
+    assert isinstance(ray.RayExecutor(), Executor)
 
 
 def test_without_ray_the_install_line_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -44,17 +44,17 @@ def test_without_ray_the_install_line_is_said(monkeypatch: pytest.MonkeyPatch) -
         executor_of("ray")
 
 
-def setup_of(folder: Path, mark: Path | None = None, version: str = _ray._version()) -> _ray._Setup:
-    return _ray._Setup(doubled, str(folder), None if mark is None else str(mark), version)
+def setup_of(folder: Path, mark: Path | None = None, version: str = ray._version()) -> ray._Setup:
+    return ray._Setup(doubled, str(folder), None if mark is None else str(mark), version)
 
 
 def test_a_node_works_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # and back afterwards
-    monkeypatch.setattr(_ray, "limit_threads", lambda threads: None)
+    monkeypatch.setattr(ray, "limit_threads", lambda threads: None)
     shared = tmp_path / "shared"
     shared.mkdir()
-    with _ray._mark(shared) as mark:
-        assert _ray._work(setup_of(shared, mark), 0, 4) == 8
+    with ray._mark(shared) as mark:
+        assert ray._work(setup_of(shared, mark), 0, 4) == 8
         assert Path.cwd() == shared
     assert not list(shared.iterdir())
 
@@ -62,12 +62,12 @@ def test_a_node_works_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_node_without_the_folder_is_refused(tmp_path: Path) -> None:
     for setup in (setup_of(tmp_path / "elsewhere"), setup_of(tmp_path, tmp_path / "mark of another folder")):
         with pytest.raises(InputError, match="on a file system that all nodes have at the same path"):
-            _ray._work(setup, 0, 4)
+            ray._work(setup, 0, 4)
 
 
 def test_a_node_with_another_version_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"the others have 0\.0\.0; install the same"):
-        _ray._work(setup_of(tmp_path, version="0.0.0"), 0, 4)
+        ray._work(setup_of(tmp_path, version="0.0.0"), 0, 4)
 
 
 def test_where_no_node_is_left_that_is_large_enough_the_largest_one_has_to_do() -> None:
@@ -77,7 +77,7 @@ def test_where_no_node_is_left_that_is_large_enough_the_largest_one_has_to_do() 
             for cpus, gpus in cpus_and_gpus
         ]
         gone = {"Alive": False, "Resources": {"CPU": 8, "GPU": 1}}
-        return _ray._left_for(SimpleNamespace(nodes=lambda: [gone, *nodes]), {"num_cpus": 8, "num_gpus": 1})
+        return ray._left_for(SimpleNamespace(nodes=lambda: [gone, *nodes]), {"num_cpus": 8, "num_gpus": 1})
 
     assert left((2, 0), (8, 1)) is None
     assert left((2, 0), (4, 0), (16, 0)) == {"num_cpus": 16}
@@ -103,7 +103,7 @@ def test_a_training_goes_on_there_with_what_a_lost_node_left_and_may_have_saved(
 
 
 _LIMITED = """
-from tipforce._processes import limit_threads
+from tipforce._system.processes import limit_threads
 limit_threads(1)
 import threadpoolctl
 assert {pool["num_threads"] for pool in threadpoolctl.threadpool_info()} == {1}, threadpoolctl.threadpool_info()

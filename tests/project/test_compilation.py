@@ -4,18 +4,19 @@ import logging
 
 import pytest
 
-from tipforce import _compile, cli
+from tipforce import cli
+from tipforce._system import compilation
 
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The time that `_compile` reads, as the only element of a list."""
+    """The time that `compilation` reads, as the only element of a list."""
     now = [100.0]
-    monkeypatch.setattr(_compile.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(compilation.time, "monotonic", lambda: now[0])
     return now
 
 
-def compile_one(listener: _compile._CompilationLog, clock: list[float], seconds: float) -> None:
+def compile_one(listener: compilation._CompilationLog, clock: list[float], seconds: float) -> None:
     """A function of ``seconds`` that calls another, which is compiled inside its own compilation."""
     listener.on_start(None)
     clock[0] += seconds / 2
@@ -29,7 +30,7 @@ def test_compilation_is_logged_after_a_second_and_then_every_five(
     clock: list[float], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO, "tipforce.compilation")
-    listener = _compile._CompilationLog()
+    listener = compilation._CompilationLog()
     for _ in range(7):
         compile_one(listener, clock, 2.0)
     said = [record.getMessage() for record in caplog.records]
@@ -39,7 +40,7 @@ def test_compilation_is_logged_after_a_second_and_then_every_five(
 
 def test_a_short_compilation_is_not_logged(clock: list[float], caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "tipforce.compilation")
-    compile_one(_compile._CompilationLog(), clock, 0.5)
+    compile_one(compilation._CompilationLog(), clock, 0.5)
     assert not caplog.records
 
 

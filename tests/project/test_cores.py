@@ -2,7 +2,7 @@
 
 import pytest
 
-from tipforce._cores import CORES, cores
+from tipforce._system.cores import CORES, cores
 from tipforce.errors import InputError
 
 

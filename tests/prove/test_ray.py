@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import threadpoolctl
 
-from tipforce._executor import Executor, LocalExecutor
-from tipforce._ray import RayExecutor
+from tipforce._system.executor import Executor, LocalExecutor
+from tipforce._system.ray import RayExecutor
 from tipforce.errors import InputError
 from tipforce.estimators import training_started
 from tipforce.pipelines import preset_settings, simulate_dataset, train

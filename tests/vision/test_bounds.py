@@ -140,7 +140,7 @@ for kernel in (read, read_together):
 """
 _KERNELS = """
 from numba import njit
-from tipforce._compile import STEADY, compiled_together
+from tipforce._system.compilation import STEADY, compiled_together
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=STEADY)
 def read(values, i):

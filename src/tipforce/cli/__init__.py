@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from .. import __version__
-from .._processes import Interrupted, signals_end_the_program
+from .._system.processes import Interrupted, signals_end_the_program
 from ..errors import TipforceError
 from ._common import in_one_line, say
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .._processes import ending_signals
+from .._system.processes import ending_signals
 from ._common import JsonOption, check_outputs, console, say, write_json
 from ._facts import BenchOption, FactOption, offset_from, tare_from
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from .._json import read_json
+from .._system.json_files import read_json
 from ..errors import FileFormatError
 from ..types import SessionInfo, merged_values
 

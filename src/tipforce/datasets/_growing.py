@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from .._json import parse_json, read_json
+from .._system.json_files import parse_json, read_json
 from ..errors import FileFormatError
 from ..types import BoolArray, FloatArray, IntArray, SessionInfo
 from ._checks import crc_column, crc_text, shard_facts

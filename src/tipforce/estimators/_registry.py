@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from .._registry import Registry
+from .._system.registry import Registry
 from ..errors import InputError
 from ._base import Estimator
 

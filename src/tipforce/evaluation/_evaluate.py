@@ -9,7 +9,7 @@ from typing import Protocol as Interface
 
 import numpy as np
 
-from .._executor import Executor
+from .._system.executor import Executor
 from ..datasets import Dataset, Protocol, Split, every_nth, random_subset, splits
 from ..errors import InputError
 from ..estimators import Estimator, Progress, no_progress

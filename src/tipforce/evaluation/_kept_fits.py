@@ -12,8 +12,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from .._executor import Executor
-from .._locks import output_lock
+from .._system.executor import Executor
+from .._system.locks import output_lock
 from ..datasets import Dataset, Split
 from ..errors import InputError
 from ..estimators import (

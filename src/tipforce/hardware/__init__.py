@@ -4,7 +4,7 @@ Each driver has a typed config, a table of ``bench.toml``; reads the settings ba
 where it is lost; and has an emulator in `tipforce.hardware.emulators`, or a stand-in in the tests.
 """
 
-from .._arrival_clock import ArrivalClock, ClockReport
+from .._system.arrival_clock import ArrivalClock, ClockReport
 from ._bench import DRIVERS, BenchDevices, open_bench, read_devices
 from ._daq import DaqCalibration, DaqForce, DaqForceConfig, read_calibration
 from ._driver import DeclaredStream, DeviceConfig, DeviceTable, Driver, EndOfStream, Setting

@@ -6,7 +6,7 @@ come first, and faster than a camera takes images: each of them is older than it
 
 from collections import deque
 
-from .._arrival_clock import ArrivalClock
+from .._system.arrival_clock import ArrivalClock
 from ..errors import DeviceError
 
 MAX_WAIT_NS = 200_000_000

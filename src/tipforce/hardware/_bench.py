@@ -7,7 +7,7 @@ from typing import Any, cast, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from .._registry import Registry
+from .._system.registry import Registry
 from ..errors import InputError
 from ..types import Clock, bench_values, read_bench
 from ._driver import DeviceConfig, Driver

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from .._arrival_clock import ClockReport
+from .._system.arrival_clock import ClockReport
 from ..types import Clock, Event, Frame, Wrench
 
 StreamKind = Literal["frame", "wrench", "actuation"]

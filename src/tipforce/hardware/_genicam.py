@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from .._arrival_clock import ArrivalClock, ClockReport
+from .._system.arrival_clock import ArrivalClock, ClockReport
 from ..errors import DeviceError, MissingExtraError
 from ..types import Clock, Event, Frame, Image
 from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck

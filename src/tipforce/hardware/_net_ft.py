@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 from pydantic import Field
 
-from .._arrival_clock import ArrivalClock, ClockReport
+from .._system.arrival_clock import ArrivalClock, ClockReport
 from ..errors import DeviceError
 from ..types import Clock, Event, Wrench
 from ._driver import DeclaredStream, DeviceConfig, Driver, Setting

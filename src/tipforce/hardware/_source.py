@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from .._arrival_clock import ClockReport
+from .._system.arrival_clock import ClockReport
 from ..errors import DeviceError
 from ..plausibility import ForceMonitor
 from ..types import Clock, Event, SessionInfo, SystemClock, Wrench

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from .._arrival_clock import ArrivalClock, ClockReport
+from .._system.arrival_clock import ArrivalClock, ClockReport
 from ..errors import DeviceError, FileFormatError
 from ..io import shown_image
 from ..types import Clock, Frame, Image

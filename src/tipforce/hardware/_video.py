@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from .._arrival_clock import ClockReport
+from .._system.arrival_clock import ClockReport
 from ..errors import DeviceError
 from ..io import open_source
 from ..types import Clock, Event, Frame

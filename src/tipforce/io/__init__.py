@@ -1,6 +1,6 @@
 """Readers and writers: recordings (.mcap), images, videos, DICOM, tables, logs."""
 
-from .._atomic import atomic_path, atomic_text, check_folder, check_output_file, replacing_folder, write_atomic
+from .._system.atomic import atomic_path, atomic_text, check_folder, check_output_file, replacing_folder, write_atomic
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, pack_estimate, pack_image, unpack_estimate
 from ._facts import SUBTRACTED_FORCE, ClockMap, Fact, Inertia, Tare

@@ -26,7 +26,7 @@ from mcap.stream_reader import get_chunk_data_stream
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from .._checksums import combined_crc
+from .._system.checksums import combined_crc
 from ..errors import FileFormatError
 from ..types import IntArray
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from .._json import parse_json
+from .._system.json_files import parse_json
 from ..errors import FileFormatError
 from ..plausibility import ForcePlausibility
 from ..types import FloatArray, IntArray, SessionInfo, frozen

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .._atomic import check_folder, write_atomic
+from .._system.atomic import check_folder, write_atomic
 from ..errors import FileFormatError
 from ..types import Image
 from ._image_size import check_encoded, encoded_size, image_count, max_file_bytes, max_pixels

@@ -18,8 +18,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-from .._atomic import check_folder, part_of
-from .._locks import lock_holder
+from .._system.atomic import check_folder, part_of
+from .._system.locks import lock_holder
 from ..errors import FileFormatError, OutputError
 from ._container import frame_is_whole, recovered_name, whole_summary
 from ._facts import Fact, record_name

@@ -13,8 +13,8 @@ import numpy as np
 from mcap.records import Channel, Message
 from mcap.writer import CompressionType, Writer
 
-from .._atomic import REMEDIES, atomic_text, part_of
-from .._locks import output_lock
+from .._system.atomic import REMEDIES, atomic_text, part_of
+from .._system.locks import output_lock
 from ..errors import FileFormatError, OutputError, TimeError
 from ..types import (
     Clock,

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._cores import cores
-from .._processes import worker_pool
+from .._system.cores import cores
+from .._system.processes import worker_pool
 from ..simulation import read_truth
 from ..types import FloatArray, IntArray
 from ._bound import CramerRaoBound

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .._arrival_clock import ArrivalClock
+from .._system.arrival_clock import ArrivalClock
 from ..alignment import PAIR_S, Pairing
 from ..io import ActuationSeries
 from ..types import STAGE, Actuation, Event, Frame, Observation, SessionInfo

@@ -5,7 +5,7 @@ Each is loaded when it is first used: a command does not wait for the modules of
 
 from typing import TYPE_CHECKING
 
-from .._lazy import loaded_on_use as _loaded_on_use
+from .._system.lazy import loaded_on_use as _loaded_on_use
 
 if TYPE_CHECKING:
     from ._calibrate import CalibrateReport, calibrate, describe_calibration, plot_calibration

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from .._cores import cores
-from .._json import read_json
-from .._processes import run_child
+from .._system.cores import cores
+from .._system.json_files import read_json
+from .._system.processes import run_child
 from ..errors import TipforceError
 
 Say = Callable[[str, str | None], None]

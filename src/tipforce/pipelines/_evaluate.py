@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from .._executor import Executor, ExecutorName, LocalExecutor, executor_of
+from .._system.executor import Executor, ExecutorName, LocalExecutor, executor_of
 from ..errors import InputError
 from ..estimators import ESTIMATORS, Progress, no_progress
 from ..evaluation import (

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .._cores import cores
-from .._processes import worker_pool
+from .._system.cores import cores
+from .._system.processes import worker_pool
 from ..types import ActuationInfo, Catheter, SensorInfo, SessionInfo, ViewInfo
 
 _INFO = SessionInfo(

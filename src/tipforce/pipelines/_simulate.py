@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from .._executor import Executor, ExecutorName, executor_of
+from .._system.executor import Executor, ExecutorName, executor_of
 from ..errors import InputError
 from ..estimators import Progress, no_progress
 from ..simulation import PRESETS, AnySimulationSettings, read_truth, sample_set

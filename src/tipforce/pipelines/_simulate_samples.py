@@ -10,8 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from .._executor import Executor, LocalExecutor
-from .._json import read_json
+from .._system.executor import Executor, LocalExecutor
+from .._system.json_files import read_json
 from ..alignment import label_log, observations
 from ..datasets import Growing, GrowingImages, GrowingShards, SessionSamples
 from ..errors import FileFormatError, InputError

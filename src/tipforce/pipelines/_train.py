@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from .._executor import Executor, ExecutorName, LocalExecutor, executor_of
+from .._system.executor import Executor, ExecutorName, LocalExecutor, executor_of
 from ..datasets import Dataset, join, open_dataset, without_sessions
 from ..estimators import (
     Estimator,

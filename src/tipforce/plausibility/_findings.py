@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from .._json import parse_json
+from .._system.json_files import parse_json
 from ..types import BoolArray, FloatArray, IntArray
 
 MAX_GAP_S = 0.05

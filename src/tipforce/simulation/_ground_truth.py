@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .._atomic import atomic_path
-from .._json import parse_json
-from .._npz import read_npz
+from .._system.atomic import atomic_path
+from .._system.json_files import parse_json
+from .._system.npz import read_npz
 from ..errors import FileFormatError
 from ..geometry import Pose
 from ..types import BasePose, BoolArray, FloatArray, IntArray

@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .._executor import Executor, LocalExecutor
-from .._locks import output_lock
+from .._system.executor import Executor, LocalExecutor
+from .._system.locks import output_lock
 from ..errors import InputError
 from ._bench import SimulatedBench
 from ._ground_truth import collect_truth, read_truth, settings_record, truth_path, write_truth

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .._json import parse_json_lines, read_small_text
+from .._system.json_files import parse_json_lines, read_small_text
 from ..errors import InputError
 from ._config import TrainConfig
 from ._data import TrainingSamples

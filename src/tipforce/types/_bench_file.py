@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .._json import check_depth, read_small_text, too_deep
+from .._system.json_files import check_depth, read_small_text, too_deep
 from ..errors import FileFormatError, InputError
 from ._session import SessionInfo, merged_values
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Protocol
 
-from ..._registry import Registry
+from ..._system.registry import Registry
 from .._dataset import Dataset
 
 __all__ = ["LAYOUTS", "Layout"]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..._json import read_json
+from ..._system.json_files import read_json
 from ...errors import FileFormatError, InputError, TableError
 from ...io import open_table
 from ...types import Catheter, FloatArray, SessionInfo

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..._cores import cores
+from ..._system.cores import cores
 from ...errors import InputError, MissingExtraError, ModelError
 from ._graph_file import check_graph_file
 from ._stored_names import current_graph_name

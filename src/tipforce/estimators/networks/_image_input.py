@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ..._compile import STEADY
+from ..._system.compilation import STEADY
 from ...errors import InputError
 from ...types import Image, SessionInfo
 from ...vision import INWARD

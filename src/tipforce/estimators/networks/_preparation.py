@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.format import open_memmap
 
-from ..._json import read_json
+from ..._system.json_files import read_json
 from ...datasets import Dataset
 from ...errors import FileFormatError, InputError
 from ...training import TrainingSamples

@@ -22,7 +22,7 @@ def try_graph(path: Path) -> None:
     Raises:
         ModelError: it takes longer than `TRIAL_S` or more memory than `TRIAL_BYTES`, crashes, or is refused.
     """
-    from ..._processes import run_child  # here, for this file is also a program outside of any package
+    from ..._system.processes import run_child  # here, for this file is also a program outside of any package
     from ...errors import ModelError
 
     # -P: what lies in the current folder is not imported

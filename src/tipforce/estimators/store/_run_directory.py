@@ -6,7 +6,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..._locks import output_lock
+from ..._system.locks import output_lock
 from ...errors import InputError
 from ...training import CHECKPOINT_FILE
 from .._base import Estimator, FineTunable

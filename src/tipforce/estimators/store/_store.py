@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from ..._json import read_json
-from ..._npz import read_npz
+from ..._system.json_files import read_json
+from ..._system.npz import read_npz
 from ...datasets import Dataset
 from ...errors import FileFormatError, InputError, ModelError
 from ...io import replacing_folder

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter, StrMethodFormatter
 
-from ..._json import parse_json_lines
+from ..._system.json_files import parse_json_lines
 from ...errors import FileFormatError, ModelError
 from ...estimators import Estimator
 from .._constant import Constant

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from ..._processes import run_child
+from ..._system.processes import run_child
 from ...errors import FileFormatError, MissingExtraError, TableError
 from ...types import LogInfo
 from ._cells import ColumnTable

@@ -11,7 +11,7 @@ import av
 import numpy as np
 from av.container import OutputContainer
 
-from ..._atomic import atomic_path, check_output_file
+from ..._system.atomic import atomic_path, check_output_file
 from ...errors import FileFormatError, InputError, TimeError
 from ...types import Frame, Image
 

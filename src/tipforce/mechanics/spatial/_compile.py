@@ -1,5 +1,5 @@
 """How the kernels of the spatial rod are compiled: a change in any of its files counts."""
 
-from ..._compile import compiled_together
+from ..._system.compilation import compiled_together
 
 compiled = compiled_together(__file__, "_*.py")

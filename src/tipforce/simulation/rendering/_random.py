@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ..._compile import STEADY
+from ..._system.compilation import STEADY
 
 FloatImage = npt.NDArray[np.float32]
 _TABLE_BITS = 12

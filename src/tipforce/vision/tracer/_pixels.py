@@ -11,7 +11,7 @@ from llvmlite import ir
 from numba import extending
 from numba.core import types
 
-from ..._compile import STEADY, compiled_together
+from ..._system.compilation import STEADY, compiled_together
 
 fast = compiled_together(__file__, "_*.py", STEADY)
 

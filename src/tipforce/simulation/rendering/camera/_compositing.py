@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ...._compile import STEADY
+from ...._system.compilation import STEADY
 from ....types import FloatArray, Image
 from .._exposure import TissueState, sample_exposure
 from ._canvas import Box

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ...._compile import STEADY
+from ...._system.compilation import STEADY
 from ....types import Image
 from .._random import gauss_row, hash_row
 

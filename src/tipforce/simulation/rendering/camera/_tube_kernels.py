@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ...._compile import STEADY
+from ...._system.compilation import STEADY
 from ....types import FloatArray
 from .._raster import columns
 

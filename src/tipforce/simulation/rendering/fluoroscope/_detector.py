@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ...._compile import STEADY
+from ...._system.compilation import STEADY
 from ....types import FloatArray
 from .._random import gauss_row, gauss_table, hash_row
 from ._scene import Detector

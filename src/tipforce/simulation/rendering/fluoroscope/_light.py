@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ...._compile import STEADY
+from ...._system.compilation import STEADY
 from ._scene import Detector, Rhythm
 from ._static_layers import COARSE, StaticLayers
 from ._tube_kernels import transmittance

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ...._compile import STEADY
+from ...._system.compilation import STEADY
 from ....types import FloatArray, IntArray
 from .._raster import columns
 

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from .errors import FileFormatError
+from ..errors import FileFormatError
 
 MAX_BYTES = 16 << 20
 """Longest file that is read as one JSON value."""

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from .errors import OutputError
+from ..errors import OutputError
 
 _held: set[str] = set()
 """Keys of the locks that this process holds: it may take them again."""

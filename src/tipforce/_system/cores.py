@@ -2,7 +2,7 @@
 
 import os
 
-from .errors import InputError
+from ..errors import InputError
 
 CORES = "TIPFORCE_CORES"
 """The environment variable that says how many cores to use, as on a machine that others work on too."""

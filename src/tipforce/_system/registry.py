@@ -14,7 +14,7 @@ from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Generic, TypeVar
 
-from .errors import InputError
+from ..errors import InputError
 
 _T = TypeVar("_T")
 

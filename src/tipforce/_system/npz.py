@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .errors import FileFormatError
+from ..errors import FileFormatError
 
 MAX_ARRAYS = 4096
 """Most arrays in an archive."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ._cores import cores
-from ._processes import Task, limit_threads
-from .errors import InputError, MissingExtraError
+from ..errors import InputError, MissingExtraError
+from .cores import cores
+from .processes import Task, limit_threads
 
 ADDRESS = "RAY_ADDRESS"
 """Environment variable: where the cluster is, as in ``10.0.0.1:6379``; without it Ray is started on this machine."""
@@ -201,7 +201,7 @@ def _result(ray: Any, ref: Any) -> Any:
 
 
 def _version() -> str:
-    from . import __version__
+    from .. import __version__
 
     return __version__
 

@@ -8,9 +8,9 @@ from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 
-from ._cores import cores
-from ._processes import Task, worker_pool
-from ._ray import RayExecutor
+from .cores import cores
+from .processes import Task, worker_pool
+from .ray import RayExecutor
 
 ExecutorName = Literal["local", "ray"]
 _Item = TypeVar("_Item")

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
-from ._locks import output_lock
-from .errors import OutputError
+from ..errors import OutputError
+from .locks import output_lock
 
 REMEDIES = {
     errno.ENOSPC: "there is no space left on the device; make room or choose another place",
