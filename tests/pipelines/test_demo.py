@@ -53,8 +53,22 @@ def test_every_command_can_be_typed_and_no_model_sees_the_last_two_sessions(
         assert left_out == ["session_02", "session_03"]
     assert sum(text.startswith("$ tipforce ") for text in lines) == len(typed)
     assert done.best == str(tmp_path / "demo" / "models" / "compact")
-    assert of(typed, "estimate")[0][1:3] == [done.best, str(tmp_path / "demo" / "bench" / "session_03" / "video.mp4")]
-    assert {"simulate", "import", "train", "evaluate", "first report", "estimate", "splits", "total"} == {*done.seconds}
+    assert of(typed, "estimate")[-1][1:3] == [done.best, str(tmp_path / "demo" / "bench" / "session_03" / "video.mp4")]
+    assert {
+        "first session", "first force", "simulate", "import", "train", "evaluate", "first report", "estimate", "splits",
+        "total",
+    } == {*done.seconds}  # fmt: skip
+
+
+def test_the_first_force_comes_before_the_other_sessions_are_simulated(typed: list[list[str]], tmp_path: Path) -> None:
+    lines: list[str] = []
+    demo(tmp_path / "demo", sessions=4, say=lambda text, _: lines.append(text))
+    assert [words[0] for words in typed[:3]] == ["simulate", "estimate", "simulate"]
+    first, estimated, all_of_them = typed[:3]
+    assert [words[words.index("--sessions") + 1] for words in (first, all_of_them)] == ["1", "4"]
+    assert estimated[1] == "pretrained/compact"
+    said = next(line for line in lines if line.startswith("The force in the video after"))
+    assert estimated[estimated.index("--overlay") + 1] in said
 
 
 def test_without_torch_fine_tuning_is_skipped_in_a_sentence(
