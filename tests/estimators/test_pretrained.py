@@ -26,6 +26,7 @@ from tipforce.estimators.store import _pretrained
 from tipforce.evaluation import methods_from
 from tipforce.pipelines import write_samples
 from tipforce.simulation import PRESETS, sample_set
+from tipforce.types import ActuationInfo, Catheter, Observation, SessionInfo, Status, ViewInfo
 
 QUICK = {"c": (10.0,), "epsilon": (0.01,), "sigma": (1.0,), "force": "components"}
 MOST_BYTES = 33_000_000
@@ -37,6 +38,21 @@ def stand_in(world: Callable[..., Dataset], tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(_pretrained, "PRETRAINED", tmp_path / "package" / "pretrained")
     data = world(2, 30)
     return save_model(create("svr", QUICK).fit(data), tmp_path / "package" / "pretrained" / "stand-in", data)
+
+
+@pytest.mark.parametrize("name", ["pretrained/compact", "pretrained/compact-wide", "pretrained/dcfe"])
+@pytest.mark.parametrize("contrast", [30.0, 300.0])
+def test_white_noise_has_no_force(name: str, contrast: float) -> None:
+    """As an analog camera sends it that has lost its signal."""
+    info = SessionInfo(
+        "s", Catheter("7F", 2.33e-3, 40e-3, 8e-3, 4.3e-4), {"camera": ViewInfo(2e-4, "left")},
+        actuation=ActuationInfo(0.533),
+    )  # fmt: skip
+    stream = load_model(name).start(info)
+    for seed in range(12):
+        noise = np.random.default_rng(seed).normal(160.0, contrast, (480, 640)).clip(0, 255).astype(np.uint8)
+        answer = stream.update(Observation(seed * 40_000_000, {"camera": noise}, {"knob_deg": 10.0}))
+        assert (answer.status, answer.detail[:18]) == (Status.NO_CATHETER, "the image is noise")
 
 
 def test_a_word_names_a_model_wherever_a_folder_does(stand_in: Path, tmp_path: Path) -> None:

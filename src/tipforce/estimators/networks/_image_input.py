@@ -32,6 +32,29 @@ WINDOW_LENGTHS = 1.35
 """Side of the window in nominal lengths of the catheter: it shows what the tip touches, too."""
 
 
+MIN_PIXEL_CORRELATION = 0.1
+"""Least correlation of pixels that are side by side: 0.00 +- 0.01 in white noise, as of a lost signal; at least 0.98 in
+14 images of real cameras and 0.81 in 30 real X-ray images."""
+_CORRELATED_ROWS = 4
+"""Every so many-th row is looked at."""
+
+
+def is_white_noise(image: Image) -> bool:
+    """Whether the pixels of an image (h, w) or (h, w, 3) have nothing in common with their neighbours.
+
+    >>> is_white_noise(np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8))
+    True
+    >>> is_white_noise(np.tile(np.arange(80, dtype=np.uint8), (60, 1)))
+    False
+    """
+    rows = image[::_CORRELATED_ROWS] if image.ndim == 2 else image[::_CORRELATED_ROWS, :, 1]
+    left, right = rows[:, :-1].astype(np.float32), rows[:, 1:].astype(np.float32)
+    left -= left.mean()
+    right -= right.mean()
+    power = math.sqrt(float(np.vdot(left, left)) * float(np.vdot(right, right)))
+    return power > 0.0 and float(np.vdot(left, right)) < MIN_PIXEL_CORRELATION * power
+
+
 @dataclass(frozen=True, slots=True)
 class Window:
     """A square part of an image.

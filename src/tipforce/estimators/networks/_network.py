@@ -38,6 +38,7 @@ from ..uncertainty import Interval, conformal_interval
 from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_evenly
 from ._facts import NetworkFacts, NetworkTraining
 from ._graph import Graph
+from ._image_input import is_white_noise
 from ._network_state import NetworkState
 from ._preparation import (
     PREPARED_FILE,
@@ -539,7 +540,7 @@ class NetworkStream:
         view: str,
     ) -> None:
         self._fitted, self._reader, self._build = fitted, reader, build
-        self._actuation, self._info = actuation, info
+        self._actuation, self._info, self._view = actuation, info, view
         modality, known = _modality(info, view), fitted.facts.modalities
         self._unlike = "" if modality in known else _UNLIKE[modality]
 
@@ -553,6 +554,10 @@ class NetworkStream:
         fitted = self._fitted
         if self._unlike:
             return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DISTRIBUTION, self._unlike)
+        image = observation.views.get(self._view)
+        if isinstance(image, np.ndarray) and is_white_noise(image):
+            said = "the image is noise: pixels that are side by side have nothing in common"
+            return ForceEstimate.invalid(observation.stamp_ns, Status.NO_CATHETER, said)
         row = read_inputs(self._reader, fitted.actuation, observation)
         if not isinstance(row, Abstention):
             row = unlike_training(observation, fitted.actuation_limits, self._actuation, self._info) or row
