@@ -15,7 +15,9 @@ def command(
         list[Path], typer.Argument(help="Recordings, a dataset folder, or a published layout; several are joined.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the model.")],
-    estimator: Annotated[str, typer.Option(help="Method to train: svr, dcfe or compact.")] = "svr",
+    estimator: Annotated[
+        str, typer.Option(help="Method to train: svr, dcfe, compact, or one that another package adds.")
+    ] = "svr",
     bench: BenchOption = None,
     samples: Annotated[
         int | None, typer.Option(min=1, help="Draw so many samples (the thesis has 220); default: all.")
