@@ -90,7 +90,7 @@ class ForcePeak:
 
 @dataclass(slots=True)
 class LoopRun:
-    """One run of a loop, from the operator's start until the drives rest at the marked start.
+    """One run of a loop, from the operator's start until the drives rest at the marked start, or a stop is released.
 
     ``limit_n``: that of the loop at its end. ``held_s``: time in which the force was at the target. ``not_valid_s``:
     time without a valid estimate. ``true``: the force of a simulated bench; None where nobody knows it.
