@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from bench.keypoints.samples import Sample, load, split
-from bench.vision_on_simulation import SIDE_PX, TIP_PX, off_curve
+from bench.studies.vision_on_simulation import SIDE_PX, TIP_PX, off_curve
 from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import GroupKFold, cross_val_predict
 from sklearn.pipeline import make_pipeline

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from bench.learning_curve import curves, figure, study, table
+from bench.studies.learning_curve import curves, figure, study, table
 
 
 @pytest.fixture

@@ -53,7 +53,8 @@ def test_the_clock_map_is_found_or_refused(tmp_path: Path) -> None:
 
 def test_fits_of_the_whole_model_reach_the_bound(tmp_path: Path) -> None:
     figures = tmp_path / "fits.json"
-    command = [sys.executable, "-m", "bench.limits_monte_carlo", "--frames", "3", "--draws", "60", "--width", "0.05"]
+    command = [sys.executable, "-m", "bench.studies.limits_monte_carlo", "--frames", "3", "--draws", "60"]
+    command += ["--width", "0.05"]
     subprocess.run([*command, "--json", str(figures)], cwd=ROOT, capture_output=True, text=True, check=True)
     found = json.loads(figures.read_text())
     assert all(row["converged"] >= 50 for row in found["frames"])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bench.balance import measure
+from bench.studies.balance import measure
 
 
 @pytest.fixture(scope="module")

@@ -214,7 +214,7 @@ CENTRELINE_NOISE: dict[str, CentrelineNoise] = {
         ).scaled(_PIXEL_M),
     ),
 }  # fmt: skip
-"""By preset: the centreline noise of the tracer, given in pixels, measured by ``python -m bench.line_noise``."""
+"""By preset: the centreline noise of the tracer in pixels, measured by ``python -m bench.studies.line_noise``."""
 
 
 def _covariance(std_n: list[float], xy: float, xz: float, yz: float) -> FloatArray:
@@ -226,7 +226,7 @@ CONTACT_FORCE_PRIORS_N2: dict[str, FloatArray] = {
     "generalise": _covariance([0.0702, 0.0585, 0.0049], 0.071, -0.067, -0.207),
 }
 """(3, 3) by preset: covariance of the force in contact, base frame, over sessions 40 to 79 of seed 0. It is the prior
-of an estimator that has learnt the forces from other sessions. ``python -m bench.limits`` measures it."""
+of an estimator that has learnt the forces from other sessions. ``python -m bench.studies.limits`` measures it."""
 
 
 def noise_preset(settings: AnySimulationSettings | Mapping[str, Any]) -> str | None:
