@@ -1,4 +1,4 @@
-"""Plain functions, one a job: what the public API offers and the command line calls.
+"""Plain functions, one for each job: the public API and the command line call them.
 
 Each is loaded when it is first used: a command does not wait for the modules of the others.
 """

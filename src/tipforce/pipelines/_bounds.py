@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def bounds_from(dataset: "Dataset", folder: Path, progress: Callable[[str, float], None]) -> "CramerRaoBounds":
-    """The bounds of the sessions of ``dataset`` whose truth lies under ``folder``, or notes on why they have none."""
+    """Returns the bounds of the sessions of ``dataset`` with truth under ``folder``, or notes on why they have none."""
     import numpy as np
 
     from ..evaluation import CramerRaoBounds, bound_at

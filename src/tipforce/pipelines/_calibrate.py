@@ -1,4 +1,4 @@
-"""Recordings and images of a board -> what they tell of the bench, and its ``bench.toml`` with it."""
+"""Calibrates a bench from recordings and images of a board, and writes the result into its ``bench.toml``."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -24,8 +24,8 @@ from ..io import is_image, read_image
 from ..types import SessionInfo, ViewInfo, bench_text, edited_bench
 from ._estimate import session_info_from
 
-_SPLIT = 0.9
-"""Of the progress: reading the recordings takes longest."""
+READING_SHARE = 0.9
+"""Share of the progress for reading the recordings, which takes longest."""
 
 _UNCERTAINTIES = {
     "bending_stiffness_nm2": "bending_stiffness_uncertainty", "metres_per_px": "metres_per_px_uncertainty",
@@ -35,7 +35,7 @@ _UNCERTAINTIES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrateReport:
-    """``quantities``: a table's rows; ``remarks``: what stays unknown. ``info``: the metadata that were used.
+    """``quantities``: rows of a table; ``remarks``: unknown quantities. ``info``: the metadata that were used.
 
     ``calibration``: None without recordings; ``board``: None without a board.
     """
@@ -49,11 +49,11 @@ class CalibrateReport:
 
     @property
     def changes(self) -> tuple[Quantity, ...]:
-        """What is good enough to be written."""
+        """Quantities that are good enough to be written."""
         return tuple(each for each in self.quantities if each.key and each.written and each.known)
 
     def bench_text(self, text: str | None = None, where: str = "bench.toml") -> str:
-        """``text`` of a ``bench.toml`` with what was found, and its comments; None: that of the recordings' metadata.
+        """Returns ``text`` of a ``bench.toml`` with the found values and comments; None: of the recordings' metadata.
 
         Raises InputError where it cannot be edited.
         """
@@ -93,26 +93,26 @@ def calibrate(
     view: str = "camera",
     progress: Callable[[str, float], None] | None = None,
 ) -> CalibrateReport:
-    """Finds what recordings, a board or a ruler tell of a bench.
+    """Calibrates a bench from recordings, a board or a ruler.
 
     Args:
         recordings: .mcap files, or a folder of them; of one bench and one catheter.
         bench: metadata in place of the recordings' own.
-        contact_free: nothing touches in any of them, and no force is needed.
-        seconds: only so much of the beginning of each.
+        contact_free: the tip touches nothing in any of them, and no force is needed.
+        seconds: length of the beginning of each recording that is used.
         stated_within: standard deviation of the stated stiffness, relative.
         board: images of a ChArUco board, the first in the plane in which the catheter bends, or a folder of them.
-        board_settings: of the board.
-        ruler: u0, v0, u1, v1 in px, and the distance in mm that they stand for.
-        view: whose scale board and ruler give.
-        progress: called with what is done and its share.
+        board_settings: settings of the board.
+        ruler: u0, v0, u1, v1 in px, and their distance in mm.
+        view: the view whose scale board and ruler give.
+        progress: called with the current step and the share that is done.
 
     Returns:
-        The table, and what can be written into ``bench.toml``.
+        The table, and the values that can be written into ``bench.toml``.
 
     Raises:
         FileFormatError: a file cannot be read.
-        InputError: there is nothing to calibrate from, or what was given does not do.
+        InputError: there is nothing to calibrate from, or the input is not sufficient.
     """
     report = progress or no_progress
     given = [recordings] if isinstance(recordings, str | Path) else list(recordings)
@@ -140,11 +140,13 @@ def calibrate(
     for k, path in enumerate(paths):
 
         def share(part: float, k: int = k, path: Path = path) -> None:
-            report(f"reading {path.name}", _SPLIT * (k + part) / len(paths))
+            report(f"reading {path.name}", READING_SHARE * (k + part) / len(paths))
 
         sessions.append(read_session(path, bench=info, seconds=seconds, contact_free=contact_free, progress=share))
     calibration = calibrate_sessions(
-        sessions, stated_within=stated_within, progress=lambda part: report("fitting", _SPLIT + (1.0 - _SPLIT) * part)
+        sessions,
+        stated_within=stated_within,
+        progress=lambda part: report("fitting", READING_SHARE + (1.0 - READING_SHARE) * part),
     )
     by_shaft = scale_from_diameter(sessions)
     quantities += [] if by_shaft is None else [by_shaft]
@@ -187,7 +189,7 @@ def _lens_remarks(board: BoardResult | None) -> tuple[str, ...]:
         return ()
     if board.distortion is None:
         return (
-            f"the lens is not told by {board.images} image(s) of the board: five more, tilted this way and that, do",
+            f"{board.images} image(s) of the board do not determine the lens: add five, tilted in different directions",
         )
     return (f"the lens moves pixels by up to {board.lens_px:.1f} px at the image's edge; detection does not undo it",)
 

@@ -26,16 +26,16 @@ REGIMES: dict[str, tuple[float, float]] = {
 }
 """Contact angle in degrees: 0 where the tip points at the wall."""
 _FREE_SHARE = {"perpendicular": (0.4, 0.55), "oblique": (0.1, 0.5), "lateral": (0.0, 0.06)}
-"""Of a beat with the catheter half way along its path: the bench is set up so that the middle of the path is used."""
-_BACK_MM, _ON_MM = 8.0, 12.0
-"""So far the clamp may be drawn back and advanced from where it stands when the bench is set up."""
+"""Share of a beat without contact with the catheter half way along its path, so that the middle of it is used."""
+MAX_BACK_MM, MAX_ADVANCE_MM = 8.0, 12.0
+"""Distances by which the clamp may be drawn back and advanced from its first position."""
 _KNOB_DEG = {"advance": None, "knob": (-20.0, 70.0), "both": (-14.0, 46.0)}
 _BACK = (SafetyAction.OVER_LIMIT.value, SafetyAction.RETRACT.value)
 """With these the catheter is drawn back."""
 _BEFORE_S = 40.0
 """Tare, approach and learning, before the seconds that are held."""
 ESTIMATE_S = 10e-3
-"""From an image to its estimate: simulated time stands still while an estimator works, so this stands for it."""
+"""Time from an image to its estimate in simulated time, which does not run while an estimator works."""
 
 
 def bench_of_regime(settings: AnySimulationSettings, regime: Regime, seconds: float) -> AnySimulationSettings:
@@ -53,14 +53,14 @@ def bench_of_regime(settings: AnySimulationSettings, regime: Regime, seconds: fl
         "respiration_m": (2e-3, 2e-3),
         "respiration_hz": 0.25,
         "peak_force_n": (1e-3, 5.0),
-        "peak_within_n": 10.0,  # the amplitude is stated: whatever force it makes
+        "peak_within_n": 10.0,  # the amplitude is stated, with any force that it makes
         "free_share": _FREE_SHARE[regime],
     }
     clamp: dict[str, float] = {"max_speed_m_per_s": 0.03, "delay_s": 20e-3, "logged": True}
     scene: dict[str, float] = {}
     if isinstance(settings, SimulationSettings) and settings.scene.variety is None:
-        # drawn back as far as it goes, the base lies where the metadata have it, next to the border
-        clamp["home_m"] = 1e-3 * _BACK_MM
+        # drawn back as far as it goes, the base is where the metadata have it, next to the border
+        clamp["home_m"] = 1e-3 * MAX_BACK_MM
         scene["base_inset_m"] = settings.scene.base_inset_m + clamp["home_m"]
     parts = {
         "seconds": seconds + _BEFORE_S,
@@ -76,10 +76,10 @@ def bench_of_regime(settings: AnySimulationSettings, regime: Regime, seconds: fl
 
 
 def path_of_drives(drives: Drives, home_mm: float) -> Path:
-    """The path of the closed-loop benchmark, about where the clamp stands when the bench is set up."""
+    """Returns the path of the closed-loop benchmark, about the first position of the clamp."""
     start, goal = dict[str, float](), dict[str, float]()
     if drives != "knob":
-        start[ADVANCE], goal[ADVANCE] = home_mm - _BACK_MM, home_mm + _ON_MM
+        start[ADVANCE], goal[ADVANCE] = home_mm - MAX_BACK_MM, home_mm + MAX_ADVANCE_MM
     if (knob_deg := _KNOB_DEG[drives]) is not None:
         start[KNOB], goal[KNOB] = knob_deg
     return Path(start, goal)
@@ -87,7 +87,7 @@ def path_of_drives(drives: Drives, home_mm: float) -> Path:
 
 @dataclass(slots=True)
 class ControlRun:
-    """What happened: a row each tick, and beside it the true force then (n,), for evaluation only."""
+    """Result of a run: a row each tick, and the true force at that time (n,), for evaluation only."""
 
     ticks: list[ControlTick] = field(default_factory=list[ControlTick])
     true_n: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -248,8 +248,8 @@ class ControlSession:
         simulation: the bench, as of `live_bench`, not yet entered; it may have served another run before.
         control: target, controller, limits.
         drives: which drives move along the path: ``advance``, ``knob`` or ``both``.
-        seconds: the session is over so long after the target was first wanted.
-        spoil: what becomes of each estimate on its way to the loop, as for a test of invalid ones.
+        seconds: the session ends this time after the target was first wanted.
+        spoil: changes each estimate on its way to the loop, as for a test of invalid ones.
 
     Raises:
         InputError: the session lacks metadata that the estimator needs, or cannot be had.
@@ -289,7 +289,7 @@ class ControlSession:
         self.simulation.__exit__(kind, error, trace)
 
     def events(self) -> Iterator[Event]:
-        """All events of the session; the operator starts the run at once."""
+        """Yields all events of the session; the operator starts the run immediately."""
         clock, loop, feedback = self.simulation.clock, self.loop, self._feedback
         period_ns, next_ns, held_ns = round(1e9 * self._control.period_s), 0, math.inf
         loop.start()
@@ -310,7 +310,7 @@ class ControlSession:
                 return
 
     def finish(self) -> ControlRun:
-        """What happened, with the truth beside it."""
+        """Returns the result, with the truth."""
         run = self.run
         times = np.array([tick.time_s for tick in run.ticks])
         run.true_n = np.linalg.norm(_true_force_n(self.simulation, times), axis=1)

@@ -1,4 +1,4 @@
-"""What a control run leaves: recording, table, figures as JSON, a plot as the thesis's figure 33 wants it, a page."""
+"""The files of a control run: recording, table, figures as JSON, a plot as in the thesis's figure 33, a page."""
 
 import csv
 import io
@@ -37,7 +37,7 @@ _BANDS = {
     ControlState.HOLD: "#dff0e4",
     ControlState.RETRACT: "#f6dcd2",
 }
-"""Told apart by their lightness too, and by the words above them."""
+"""Colours that differ in lightness too; the words are above them."""
 
 
 def control(
@@ -54,13 +54,13 @@ def control(
     Args:
         session: not yet entered.
         folder: where all of it goes; it may not hold an earlier run.
-        seconds: so long from the first hold are judged.
-        title: in one line, what was run.
-        command: what was typed, for the page.
-        progress: called with what is done and its share.
+        seconds: time from the first hold that is judged.
+        title: description of the run in one line.
+        command: the command that was typed, for the page.
+        progress: called with the current step and the share that is done.
 
     Returns:
-        What ``control.json`` holds.
+        The content of ``control.json``.
 
     Raises:
         InputError: ``folder`` holds a run already, or the session cannot be had.
@@ -186,16 +186,16 @@ def _stretches(chosen: BoolArray) -> list[tuple[int, int]]:
 def _page(run: ControlRun, figures: dict[str, Any], svg: str, command: str) -> str:
     drawing = svg[svg.index("<svg") :]
     rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in _facts(figures))
-    told = f"<p class='quiet'><code>{escape(command)}</code></p>" if command else ""
+    typed = f"<p class='quiet'><code>{escape(command)}</code></p>" if command else ""
     changes = "".join(f"<li>{at:.2f} s: {escape(said)}</li>" for at, said in _changes(run))
     return (
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
         "<meta name='viewport' content='width=device-width, initial-scale=1'><link rel='icon' href='data:,'>"
         f"<title>tipforce control: {escape(figures['title'])}</title><style>{_STYLE}</style></head><body><main>"
         f"<p class='quiet'>{escape(figures['title'])}. Research use only.</p><h1>{escape(verdict(figures))}</h1>"
-        f"{told}<figure>{drawing}<figcaption>Above the force: target, true force, estimate with its 90 % interval; red "
+        f"{typed}<figure>{drawing}<figcaption>Above the force: target, true force, estimate with its 90 % interval; red "
         "at the foot: no valid estimate; red bands: drawn back above the limit. Below the place on the path. Bands: "
-        f"the states of the run.</figcaption></figure><table>{rows}</table><h2>What happened</h2><ol>{changes}</ol>"
+        f"the states of the run.</figcaption></figure><table>{rows}</table><h2>Events</h2><ol>{changes}</ol>"
         "</main></body></html>\n"
     )
 

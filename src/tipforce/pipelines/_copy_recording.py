@@ -1,4 +1,4 @@
-"""A copy of a recording: what is whole in a damaged one; or with a clock map or tare that is stated."""
+"""A copy of a recording: the whole parts of a damaged one, or with a stated clock map or tare."""
 
 from pathlib import Path
 from typing import Literal
@@ -20,10 +20,10 @@ def copy_recording(
     tare: TareChoice = "auto",
     overwrite: bool = False,
 ) -> list[str]:
-    """Copies what is whole in ``recording`` to ``target``, with the clock map and the tare that are stated.
+    """Copies the whole parts of ``recording`` to ``target``, with the stated clock map and tare.
 
     Args:
-        recording: a recording (.mcap), or what a crash left of one (.mcap.part); it stays as it is.
+        recording: a recording (.mcap), or the rest of one after a crash (.mcap.part); it is not changed.
         target: the copy.
         offset_ms: camera clock minus force clock at the first reading of the force, or "none" for one clock; "auto":
             the map of ``recording``, which is found anew where ``tare`` is stated.
@@ -33,7 +33,7 @@ def copy_recording(
         overwrite: replace a recording that is there already.
 
     Returns:
-        One line on what was lost, and what was found.
+        One line on the lost and the found parts.
 
     Raises:
         FileFormatError: it is no recording, or nothing in it is whole.
@@ -46,7 +46,7 @@ def copy_recording(
         return [recover_recording(recording, target, overwrite=overwrite)]
     if offset_ms == "start" or recording.suffix == ".part":
         raise InputError(
-            f'{recording}: offset_ms="start" is for logs, and what a crash left is recovered first: import it without '
+            f'{recording}: offset_ms="start" is for logs, and the rest of a crash must be recovered first: import it without '
             "offset_ms and tare, then state them for the copy"
         )
     with RecordingReader(recording) as reader:
@@ -66,7 +66,7 @@ def copy_recording(
 
 
 class _Findings:
-    """Keeps what is found in a run; its events are in the recording already."""
+    """Keeps the findings of a run; its events are in the recording already."""
 
     def __init__(self) -> None:
         self.facts: list[Fact] = []

@@ -53,15 +53,15 @@ COLUMNS = (
     "contact_state", "contact_class", "above_limit", "window_s", "limit_s", "unknown_s",
     "integral_g_s", "integral_low_g_s", "integral_high_g_s", "file_name",
 )  # fmt: skip
-"""Of the table: number of the frame from 0, seconds since the first one; low and high are the ends of the 90 %
+"""Columns of the table. Number of the frame from 0, seconds since the first one; low and high are the ends of the 90 %
 intervals, contact and above_limit are probabilities. Since the first frame: seconds in the force window, above the
 limit and without a valid estimate, and the force-time integral of the known time; see `ClinicalState`. At the end the
-name of the image file, empty for what has none."""
+name of the image file, empty for other sources."""
 
 
 @dataclass(slots=True)
 class EstimateReport:
-    """What a run over a file came to.
+    """Result of a run over a file.
 
     ``update_s``: time of each frame from image to force, without reading it. ``clinical``: the state after the last
     frame, by the thresholds ``contact``.
@@ -118,7 +118,7 @@ class EstimateReport:
 
 
 Frames = str | Path | Source | Iterable[Frame] | Iterable[Image]
-"""What forces are estimated on: a file or folder, an open source, or images with or without stamps."""
+"""Input of an estimation: a file or folder, an open source, or images with or without stamps."""
 
 
 def estimate(
@@ -135,7 +135,7 @@ def estimate(
         model: a fitted estimator, or the model folder to load; ``pretrained/NAME`` comes with the program.
         frames: a video, DICOM file, folder of images, recording or dataset; an open `Source`; or an iterable of
             `Frame` or of images, (h, w) grey or (h, w, 3) RGB, uint8.
-        bench: metadata of the session in place of what the file holds: a `SessionInfo` or a ``bench.toml``.
+        bench: metadata of the session in place of those in the file: a `SessionInfo` or a ``bench.toml``.
         actuation: constant readings of drives that ``frames`` do not carry, as ``{"knob_deg": 10.0}``.
         frame_rate_hz: of images without stamps.
 
@@ -220,7 +220,7 @@ def _against_knob(images: Sequence[Image], info: SessionInfo, view: str, asked_p
     try:
         vision = auto_calibrate(VisionSettings(view=view), images, info)
     except InputError:
-        return ""  # where no catheter is detected, the images tell nothing of its bending
+        return ""  # without a detected catheter the images say nothing about its bending
     return bends_against_knob(vision, images, info, asked_per_m)
 
 
@@ -273,8 +273,8 @@ def write_estimates(
         forces: a CSV file or an open stream.
         overlay: also an .mp4 with shape, force, value, interval and status in it.
         full_scale_n: force whose arrow is a quarter of the image long.
-        contact: force window, limit and what counts as contact; by default `ContactSettings`.
-        progress: called with what is done and its share.
+        contact: force window, limit and threshold of contact; by default `ContactSettings`.
+        progress: called with the current step and the share that is done.
 
     Raises:
         InputError: ``source`` holds no frame, or lacks readings or metadata that ``estimator`` needs.

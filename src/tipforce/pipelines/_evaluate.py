@@ -32,7 +32,7 @@ Protocol = Literal["all", "random", "blocked", "session", "thesis", "standard", 
 
 @dataclass(frozen=True, eq=False)
 class EvaluateReport:
-    """What an evaluation came to.
+    """Result of an evaluation.
 
     ``evaluation``: predictions and scores; ``metrics``: content of metrics.json; ``lines``: the same for people;
     ``report``: the page that was written.
@@ -69,30 +69,30 @@ def evaluate(
     """Judges methods on held-out data and writes a report.
 
     A method is trained anew for every split; a saved model is also scored as it is, on sessions that it never saw.
-    What is trained is kept in OUTPUT.evaluating until the report is written: an evaluation that was cut off goes on
+    Trained models are kept in OUTPUT.evaluating until the report is written: an evaluation that was cut off goes on
     from there when it is asked for again in the same way.
 
     Args:
         models: folders of saved models, ``pretrained/NAME``, or names of methods.
         data: labelled samples; see `open_dataset`.
         output: folder for report.html, metrics.json and figures.
-        protocol: what is held out. "all": random, blocked and session side by side; "saved": nothing is trained.
-        settings: of the methods that are named; saved models have their own.
+        protocol: the held-out samples. "all": random, blocked and session side by side; "saved": nothing is trained.
+        settings: settings of the methods that are named; saved models have their own.
         to_the_letter: the methods that are named, ``svr`` and ``dcfe``, begin with the thesis's own settings, over
             which ``settings`` are laid.
-        bench: metadata in place of what the data hold.
+        bench: metadata in place of those in the data.
         init_from: networks that are named: each split fine-tunes this model, or "pretrained".
         truth: folder with the truth of simulated sessions: score against it, too.
         bound: with ``truth``: also compute the posterior Cramer-Rao bound; default: yes.
-        samples: draw so many samples first; all by default.
-        every: take every so many-th frame of each session.
-        folds: cross-validate with so many folds.
-        perturb: also ask for so many samples with perturbed images, spread over all.
+        samples: number of samples to draw first; all by default.
+        every: use every n-th frame of each session.
+        folds: number of folds of cross-validation.
+        perturb: number of samples that are also estimated with perturbed images, spread over all.
         compare: the report also holds the methods side by side over the load, beside sensors in the tip.
         seed: of drawn samples and splits.
-        command: what a person typed, for the report.
+        command: the command that was typed, for the report.
         executor: "local": one fit after the other, here; "ray": side by side on the cluster at RAY_ADDRESS.
-        progress: called with what is done and its share.
+        progress: called with the current step and the share that is done.
 
     Raises:
         InputError: no method, data or truth that can be used, or options that do not go together.
@@ -169,5 +169,5 @@ def _truths(folder: Path) -> dict[str, tuple[IntArray, FloatArray]]:
         truth = read_truth(path)  # of which little is kept: a set at scale has thousands
         found[truth.session] = truth.stamp_ns, truth.force_n
     if not found:
-        raise InputError(f"{folder}: there is no truth in it; only what `tipforce simulate` wrote has one")
+        raise InputError(f"{folder}: it contains no truth; only `tipforce simulate` writes one")
     return found

@@ -1,4 +1,4 @@
-"""A guided first session: a person is told to tare, move and press, and sees at once whether it was measured."""
+"""A guided first session: a person is asked to tare, move and press, and sees immediately whether it was measured."""
 
 import math
 from array import array
@@ -17,8 +17,8 @@ _QUIET_N = 0.02
 """Range of the means of half seconds while nothing touches; with more the tare is begun again."""
 _HALF_S = 0.5
 _AGAIN = 3
-_PRESSED_N = 0.05
-"""Force to be reached at least: some 5 g, a quarter of what holds an ablation catheter."""
+MIN_PRESSED_N = 0.05
+"""Smallest force to be reached: some 5 g, a quarter of the force of an ablation."""
 _CHANGED = 4.0
 """Grey values by which one pixel in a hundred has to change while the catheter moves."""
 _STEP = 8
@@ -30,7 +30,7 @@ _DETECTED = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A part of the session: what a person is asked to do, and for how long."""
+    """A part of the session: the request to the person, and its duration."""
 
     name: str
     seconds: float
@@ -74,7 +74,7 @@ class Guide:
 
     @property
     def seconds(self) -> float:
-        """Of all phases, without a tare that is begun again."""
+        """Duration of all phases, without a repeated tare."""
         return sum(phase.seconds for phase in self.phases)
 
     def take(self, event: Event) -> None:
@@ -137,7 +137,7 @@ class Guide:
         return True
 
     def prompt(self) -> str:
-        """What to do now, for how long, and what was measured."""
+        """The present request, the remaining time, and the measurement."""
         if self.done:
             return "done"
         phase = self.phases[self._place]
@@ -152,7 +152,7 @@ class Guide:
         return f"{phase.prompt}: {max(left, 0.0):.0f} s{measured}"
 
     def lacking(self, *, simulated: bool = False) -> list[str]:
-        """What the session did not show, one sentence each; ``simulated``: no device could be at fault."""
+        """Returns one sentence for each thing that the session did not show; ``simulated``: there is no device."""
         found: list[str] = []
         slow = "the simulated bench is slow on this computer; end other programs, or record for longer"
         if not self.done:
@@ -168,21 +168,22 @@ class Guide:
             found.append(f"no image came: {slow if simulated else 'check [hardware.cameras] of bench.toml'}")
         elif self.changed < _CHANGED:
             found.append("the images did not change while the catheter was to move: check that the camera sees it")
-        if self._first_force_ns is not None and self.peak_n < _PRESSED_N:
+        if self._first_force_ns is not None and self.peak_n < MIN_PRESSED_N:
             found.append(
-                f"the tip pressed with {1e3 * self.peak_n:.0f} mN at most; press with more than {1e3 * _PRESSED_N:.0f}"
+                f"the tip pressed with {1e3 * self.peak_n:.0f} mN at most; "
+                f"press with more than {1e3 * MIN_PRESSED_N:.0f}"
             )
         return found
 
 
 def missing_for_training(summary: RecordingSummary, guide: Guide | None = None) -> list[str]:
-    """What a recording lacks to be trained on, one sentence each; empty: it can be trained on now."""
+    """Returns one sentence for each thing that a recording lacks for training; empty: it can be used now."""
     missing = guide.lacking(simulated=summary.session_info.simulated) if guide else []
     info = summary.info
     kinds = {stream.kind for stream in info.streams.values() if stream.count}
     if "frame" not in kinds or "wrench" not in kinds:
-        what = "images" if "frame" not in kinds else "force"
-        return missing or [f"the recording holds no {what}"]
+        lacking = "images" if "frame" not in kinds else "force"
+        return missing or [f"the recording has no {lacking}"]
     if info.tare.how == "none":
         missing.append(f"the force is not tared: {info.tare.detail or 'state a stretch without contact'}")
     if info.clock_map.how == "refused":

@@ -48,7 +48,7 @@ def merged(
     drives: Mapping[str, Readings],
     shift_ns: int,
 ) -> Iterator[Event]:
-    """``frames`` (and what comes with them), force readings, ``drives`` by stream; stamps moved by ``shift_ns``."""
+    """Yields ``frames`` (with their drives), force readings, ``drives`` by stream; stamps moved by ``shift_ns``."""
     wrenches = _Feed(force[0] if force else None)
     feeds = [(stream, _Feed(stamps), values) for stream, (stamps, values) in drives.items()]
 
@@ -106,14 +106,14 @@ def import_session(
 ) -> RecordingReport:
     """Makes a recording of a video (or images) and its logs; it appears when it is whole.
 
-    Readings are kept as the sensor gave them, on their own clock. Tare, the inertia of what a moving sensor carries
-    and the clock map (offset and rate) are found, stored beside them, and applied when labels are made. Where the map
-    cannot be determined nothing is written.
+    Readings are kept as the sensor gave them, on their own clock. Tare, the inertia of the mass that a moving sensor
+    carries and the clock map (offset and rate) are found, stored beside them, and applied when labels are made. Where
+    the map cannot be determined nothing is written.
 
     Args:
         frames: a video, DICOM file or folder of images; or a ROS bag (.bag, .db3, .mcap or a folder), whose topics
             ``bench`` names.
-        logs: the force log; or several logs, of force, stage and knob, told apart by their columns (see
+        logs: the force log; or several logs, of force, stage and knob, recognised by their columns (see
             `logs_by_kind`); or kind ("force", "stage", "knob") -> log. The stage's positions, NAME_m or NAME_mm,
             serve to take the sensor's inertia out.
         output: the recording (.mcap).
@@ -126,8 +126,8 @@ def import_session(
         vision: how the catheter is detected for the clock map.
         lossless: keep images as PNG.
         jpeg_quality: of images that are kept as JPEG.
-        overwrite: replace a recording that is there already.
-        progress: called with what is done and its share.
+        overwrite: replace an existing recording.
+        progress: called with the current step and the share that is done.
 
     Returns:
         The recording's summary, and remarks that a person should read.
@@ -173,12 +173,12 @@ def import_session(
     # the file's format has no time before zero; whole seconds keep the stamps readable
     shift_ns = max(0, -(min(starts) // 1_000_000_000)) * 1_000_000_000
     if shift_ns:
-        remarks.append(f"all stamps were moved by {shift_ns // 1_000_000_000} s, so that none lies before zero")
+        remarks.append(f"all stamps were moved by {shift_ns // 1_000_000_000} s, so that none is before zero")
     if log is not None:
         name = force_log.name if force_log else bag.path.name if bag else ""
         remarks += (f"{name}: {said}" for said in (log.said, *log.remarks))
         if not isinstance(tare, str):
-            stated_tare(log.stamp_ns, log.force_n, *tare)  # says what is wrong with it before a long video is read
+            stated_tare(log.stamp_ns, log.force_n, *tare)  # raises its error before a long video is read
     last_ns = first_ns
 
     def images() -> Iterator[Event]:
@@ -252,7 +252,7 @@ def _bag(frames: Path, logs: Logs, info: SessionInfo) -> tuple[Bag | None, Logs]
 
 
 def _by_kind(logs: Logs, info: SessionInfo) -> dict[str, Path]:
-    """The logs by their kind, as they are stated or as their columns tell it."""
+    """Returns the logs by their kind, as they are stated or recognised by their columns."""
     if isinstance(logs, Mapping):
         return {kind: Path(path) for kind, path in logs.items()}
     paths = [] if logs is None else [logs] if isinstance(logs, str | Path) else list(logs)

@@ -1,4 +1,4 @@
-"""What is in a file, and what is detected in its images."""
+"""Shows the content of a file, and the catheter that is detected in its images."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -22,18 +22,18 @@ def inspect(
     drawn: int = 12,
     progress: Callable[[str, float], None] | None = None,
 ) -> InspectionResult:
-    """Detects the catheter in the images of a file and draws what is found.
+    """Detects the catheter in the images of a file and draws it.
 
     Args:
         path: an image, video, DICOM file, folder of images, recording or dataset.
-        settings: of the detection and of the curve that is fitted to the shape.
-        bench: metadata in place of what the file holds.
-        every: of several images, look at every so many-th.
-        drawn: so many of them are drawn.
-        progress: called with what is done and its share.
+        settings: settings of the detection and of the curve that is fitted to the shape.
+        bench: metadata in place of those in the file.
+        every: examine every n-th of several images.
+        drawn: number of images that are drawn.
+        progress: called with the current step and the share that is done.
 
     Returns:
-        What was found, in words and figures, and a drawing (h, w, 3) RGB.
+        The findings in words and figures, and a drawing (h, w, 3) RGB.
 
     Raises:
         InputError: the file cannot be read or holds no images.

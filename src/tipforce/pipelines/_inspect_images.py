@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InspectionResult:
-    """What a file shows: ``text`` and ``figures``, its ``drawing``, and one ``image`` with resolved settings."""
+    """Content of a file: ``text`` and ``figures``, its ``drawing``, and one ``image`` with resolved settings."""
 
     text: str
     figures: dict[str, Any]
@@ -37,7 +37,7 @@ class InspectionResult:
     vision: VisionSettings | ResolvedVision
 
     def thesis_figures(self) -> "dict[str, Figure]":
-        """Thesis figures 17 and 18 of ``image``: what thesis algorithm 1 makes of it."""
+        """Thesis figures 17 and 18 of ``image``: the steps of thesis algorithm 1."""
         steps = ClassicDetector(self.vision).steps(self.image)
         return {"figure17": figure_17(steps), "figure18": figure_18(steps)}
 
@@ -45,7 +45,7 @@ class InspectionResult:
 def inspect_image_file(
     path: Path, vision: VisionSettings, features: ShapeFeatureSettings, info: SessionInfo | None = None
 ) -> InspectionResult:
-    """One image file in detail, with what ``info`` states of it. Raises FileFormatError for what is no image."""
+    """Inspects one image file in detail, with the metadata ``info``. Raises FileFormatError if it is no image."""
     image = read_image(path)
     detector = SessionDetector(vision, info or SessionInfo(), [image])
     resolved = detector.vision
@@ -99,7 +99,7 @@ def inspect_sessions(
     progress: Callable[[str, float], None] | None = None,
     total: int = 0,
 ) -> InspectionResult:
-    """Named images, session by session with what is known of each and the images that resolve its detection.
+    """Inspects named images, session by session, with the metadata of each and the images that resolve its detection.
 
     ``total``: of the images, for ``progress``. Raises InputError where there is none.
     """

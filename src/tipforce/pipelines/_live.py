@@ -1,4 +1,4 @@
-"""Live estimation: a source that happens now, the engine, the page, and whatever else takes the estimates."""
+"""Live estimation: a source of the present, the engine, the page, and all other receivers of the estimates."""
 
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -36,11 +36,11 @@ from ._live_control import HoldSettings, LiveControl
 from ._live_page import LivePage, PageAddress
 from ._simulate import preset_settings
 
-_SESSION_S = 95.0
-"""A simulated session with drives has so many seconds besides its beginning: more take longer to draw."""
+SESSION_S = 95.0
+"""Length of a simulated session with drives after its beginning, in s: longer ones take longer to draw."""
 _FRAME_S = 1 / 30
-"""Between images of a camera that promises nothing."""
-_OTHER_SESSION = "the simulated session has ended; its drives are where they stand at the beginning of another one"
+"""Time between images of a camera that states no rate."""
+_OTHER_SESSION = "the simulated session has ended; its drives are at the beginning of another one"
 _SLOW_PACE = 0.9
 """A simulated bench that runs slower than this share of real time is too slow, and a message says so."""
 _T = TypeVar("_T")
@@ -49,7 +49,7 @@ _LINE_S = 0.25
 
 
 class LiveRunSettings(LiveSettings):
-    """Settings of the engine, and of what plays the part of a camera where there is none."""
+    """Settings of the engine, and of the source that replaces a camera."""
 
     rate_hz: Annotated[float, Field(gt=0, le=240)] | None = None
     """Images a second of a file or the simulated bench, in place of its own rate."""
@@ -84,7 +84,7 @@ def open_live_source(
     stated: SessionInfo | None = None,
     settings: LiveRunSettings | None = None,
 ) -> Generator[Source]:
-    """A source that happens now; its ``clock`` is what the engine should run on.
+    """Opens a source of the present; the engine runs on its ``clock``.
 
     Args:
         frames: a video, DICOM file, folder of images, recording or dataset, played at the pace of its stamps.
@@ -106,7 +106,9 @@ def open_live_source(
     if frames is not None:
         file = open_source(frames, stated=stated)
         if settings.rate_hz is None and isinstance(file, FileSource) and file.numbered:
-            raise InputError(f"{frames}: nothing tells when its images were taken; state rate_hz, as in set rate_hz=30")
+            raise InputError(
+                f"{frames}: no stamps state when its images were taken; state rate_hz, as in set rate_hz=30"
+            )
         yield PacedSource(file, rate_hz=settings.rate_hz, loop=settings.loop)
         return
     if preset is None:
@@ -136,7 +138,7 @@ def simulated_bench(preset: str, settings: LiveRunSettings) -> AnySimulationSett
     bench = preset_settings(preset, None, changes)
     if settings.hold is None:
         return bench
-    held = bench_of_regime(bench, settings.hold.contact, _SESSION_S)
+    held = bench_of_regime(bench, settings.hold.contact, SESSION_S)
     if settings.rate_hz is None:
         return held
     clock = held.world.clock.model_copy(update={"fps": settings.rate_hz})
@@ -144,12 +146,12 @@ def simulated_bench(preset: str, settings: LiveRunSettings) -> AnySimulationSett
 
 
 def slow_bench(clock: Clock, rate_hz: float, remedy: str) -> str:
-    """Says that a computer is too slow for a simulated bench in real time; empty where it is not.
+    """Returns the message that a computer is too slow for a simulated bench in real time; empty if it is fast enough.
 
     Args:
         clock: of the bench.
-        rate_hz: images a second of its camera.
-        remedy: what helps besides ending other programs.
+        rate_hz: rate of the camera in images per second.
+        remedy: a remedy besides ending other programs.
     """
     if not isinstance(clock, RealTimeClock) or clock.pace >= _SLOW_PACE:
         return ""
@@ -160,12 +162,12 @@ def slow_bench(clock: Clock, rate_hz: float, remedy: str) -> str:
 
 
 class _CurrentDrives:
-    """The drives of whatever session of a simulation is in progress."""
+    """The drives of the simulated session that is in progress."""
 
     def __init__(self, simulation: LiveSimulation) -> None:
         self._simulation = simulation
         self.sessions = 0
-        """So many have begun."""
+        """Number of sessions that have begun."""
         self._session = 0
 
     @property
@@ -207,7 +209,7 @@ class _CurrentDrives:
 class _BenchInRealTime:
     """A simulated session over and over, on one clock.
 
-    ``actuators``: its drives, to whatever session they belong. ``home_mm``: where its clamp stands when it begins.
+    ``actuators``: the drives of the present session. ``home_mm``: position of its clamp when it begins.
     """
 
     def __init__(self, simulation: LiveSimulation, home_mm: float, frame_period_s: float) -> None:
@@ -274,9 +276,9 @@ def live(
 
     Args:
         estimator: a fitted one.
-        source: of `open_live_source`, or any that pushes events.
-        model: what the model is called.
-        outputs: where else the estimates go, as `tipforce.live.streams.open_sink` has it.
+        source: a source of `open_live_source`, or any that pushes events.
+        model: name of the model.
+        outputs: other receivers of the estimates, as `tipforce.live.streams.open_sink` has them.
         page: a page that is served already, or where it is to be served; None: no page.
         settings: of the engine; of a file, failures are not waited for. Where they hold ``hold`` the page gets the
             panel of a loop that holds a force with the drives of ``source``; nothing moves before it is started there.
@@ -316,7 +318,7 @@ def live(
                 on_page(served.address)
         stack.enter_context(engine.running())
         if control is not None:
-            stack.enter_context(control)  # ends first: whatever ends the run stops the drives at once
+            stack.enter_context(control)  # it ends first, so the drives stop immediately
         end = None if seconds is None else time.monotonic() + seconds
         while not engine.wait(_LINE_S) and (end is None or time.monotonic() < end):
             latest = engine.latest()

@@ -61,7 +61,7 @@ class _Estimates:
         self._control = control
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Nothing: updates tell all that the loop needs."""
+        """Does nothing: updates contain all that the loop needs."""
 
     def put(self, update: LiveUpdate) -> None:
         """Also those of the watchdog, which are not valid."""
@@ -74,9 +74,9 @@ class _Estimates:
 class LiveControl:
     """Drives a `ControlLoop` on the updates of a live engine, and has the commands for it. A context manager.
 
-    ``sink``: takes the updates. Inside of it a thread calls the loop's ``tick`` every ``settings.period_s``, whatever
-    the engine, the sink or a page are busy with: without estimates the loop draws the catheter back by its own rule of
-    staleness. Leaving it stops the drives. What goes wrong on the thread while the catheter moves counts as a stop,
+    ``sink``: takes the updates. A thread calls the loop's ``tick`` every ``settings.period_s``, also while
+    the engine, the sink or a page are busy: without estimates the loop draws the catheter back by its own rule of
+    staleness. Leaving it stops the drives. An error of the thread while the catheter moves counts as a stop,
     with the error as its reason. The drives are moved by the loop's `SafetyLayer` alone.
 
     Args:
@@ -120,7 +120,7 @@ class LiveControl:
         self._latest: LiveUpdate | None = None
         self._stopped = False
         self._why_stopped = self._why = ""
-        """Why it was stopped; what is missing for a start."""
+        """Reason of the stop; missing conditions of a start."""
         self._runs: list[LoopRun] = []
         self._recording = False
         """Whether the newest of the runs is on its way, or was stopped and not released yet."""
@@ -170,7 +170,9 @@ class LiveControl:
                 tick = None if loop is None or self._stopped else self._tick(loop)
                 self._why = ""
                 self._status = self._status_of(loop, tick, axes)
-        except Exception as error:  # drives are other people's code: whatever they raise, the catheter must not go on
+        except (
+            Exception
+        ) as error:  # drives are other people's code: after any of its errors the catheter must not go on
             self._failed(error)
 
     def _record(self) -> None:
@@ -315,7 +317,7 @@ class LiveControl:
             self._marks, self._loop = marks, None
 
     def start(self) -> None:
-        """Begins a run. Raises InputError, with what is missing, where it cannot."""
+        """Begins a run. Raises InputError, with the missing conditions, if it cannot."""
         with self._lock:
             self._need_released()
             if self.running:
@@ -349,7 +351,7 @@ class LiveControl:
                 raise InputError("no run is on its way; a start goes to the marked start first")
 
     def stop(self) -> None:
-        """Brakes now; nothing moves before `release` and a command. Raises what the drives raise."""
+        """Brakes now; nothing moves before `release` and a command. Raises the errors of the drives."""
         self._why_stopped = "the stop key was pressed"
         self._brake()
 
@@ -377,7 +379,7 @@ class LiveControl:
             raise InputError(f"stopped ({self._why_stopped}); release it first")
 
     def _need_on_path(self, loop: ControlLoop) -> None:
-        """A target jumps to the path at once: only drives that keep to the limits by themselves may be off it."""
+        """A target jumps to the path immediately: only drives that keep to the limits by themselves may be off it."""
         places, path, limits = self._places(), loop.path, self._actuators.limits
         on_path = path.targets(min(max(path.position_mm(places), 0.0), path.length_mm))
         own = {ADVANCE: self.settings.safety.max_advance_mm_per_s, KNOB: self.settings.safety.max_knob_deg_per_s}

@@ -1,4 +1,4 @@
-"""The page of a live run: it is served at once, and shows what the program does until the run begins."""
+"""The page of a live run: it is served immediately, and shows the program's steps until the run begins."""
 
 import time
 from dataclasses import dataclass
@@ -56,11 +56,11 @@ class LivePage:
 
     @property
     def address(self) -> str:
-        """What to open in a browser."""
+        """Address to open in a browser."""
         return self.server.address
 
     def show_starting(self, doing: str) -> None:
-        """Shows what the program does before the run begins."""
+        """Shows the program's present step before the run begins."""
         self.server.show_starting(doing)
 
     def begin(self, engine: Engine, clock: Clock, control: LiveControl | None) -> None:
@@ -103,13 +103,13 @@ class _Buttons:
         self._engine = engine
 
     def zero(self, *, by: str, confirmed_n: float | None) -> None:
-        """Refused while a force is held: the loop would make up for what is subtracted."""
+        """Raises while a force is held: the loop would compensate the subtracted force."""
         if self._control.running:
             raise InputError("no zero while the loop has the drives: it would press as much harder; retract first")
         self._engine.zero(by=by, confirmed_n=confirmed_n)
 
     def clear_zero(self) -> None:
-        """Refused while a force is held: the loop would make up for what is no longer subtracted."""
+        """Raises while a force is held: the loop would compensate the force that is no longer subtracted."""
         if self._control.running:
             raise InputError("the zero stays while the loop has the drives; retract first")
         self._engine.clear_zero()

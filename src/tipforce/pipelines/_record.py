@@ -36,21 +36,21 @@ from ._summary import RecordingSummary, summarise_recording
 
 Analysis = Literal["afterwards", "along"]
 
-_COVERED = 0.9
-"""Share of the images that usually have a force; with less a person is told."""
+MIN_COVERED_SHARE = 0.9
+"""Share of the images that usually have a force; with less a remark is given."""
 _FEWEST = 5
 """Images with a force, without which an import is a mistake."""
 _LARGE_N = 10.0
-"""A catheter buckles long before; what is more is another unit or a slip of the pen."""
+"""A catheter buckles long before; a larger force is in another unit or a typing error."""
 _FIRST, _EVERY = 50, 5
 """Frames on which vision is calibrated first, every fifth of them."""
-_KEPT = 16
-"""Images from all over the run so far on which it is calibrated again, whenever the run has doubled."""
+KEPT_IMAGES = 16
+"""Images from all over the run on which it is calibrated again, whenever the run has doubled."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingReport:
-    """What was written, and in ``remarks`` what a person should know of it."""
+    """The written recording, and in ``remarks`` the sentences that a person should read."""
 
     summary: RecordingSummary
     remarks: tuple[str, ...]
@@ -58,14 +58,14 @@ class RecordingReport:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """What is known once a source has ended: metadata records by name, and a stretch without contact, or None."""
+    """Facts that are known when a source has ended: metadata records by name, and a contact-free stretch or None."""
 
     notes: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
     tare: tuple[float, float] | None = None
 
 
 def refuse_target(target: Path, *, overwrite: bool, origin: str) -> None:
-    """Raises InputError where ``target`` is no recording's name, FileFormatError where it stands already."""
+    """Raises InputError if ``target`` is no recording's name, FileFormatError if it exists."""
     if target.suffix != ".mcap":
         raise InputError(f"{target}: a recording ends in .mcap; name it {target.with_suffix('.mcap').name}")
     check_target(target, overwrite=overwrite, origin=origin)
@@ -90,7 +90,7 @@ def record(
     """Write all events of ``source`` to ``target`` (.mcap) as they come; then find clock map, tare and inertia.
 
     Args:
-        source: what is recorded; it is entered here.
+        source: the source to record; it is entered here.
         target: the recording (.mcap).
         sensor: pose of the force sensor, in place of that of the source's metadata.
         tare: see `import_session`.
@@ -107,11 +107,11 @@ def record(
         ended: called when the source has ended.
 
     Raises:
-        InputError: ``target`` is no name for a recording, or ``tare`` does not fit the force; what the source gave is
+        InputError: ``target`` is no name for a recording, or ``tare`` does not fit the force; the events are
             kept in ``target``, without tare and clock map.
-        FileFormatError: ``target`` stands already.
+        FileFormatError: ``target`` exists.
         TimeError: force and images do not overlap; kept likewise.
-        OutputError: the disk is full; what was written until then is kept in ``target``'s ``.part``, as after a kill.
+        OutputError: the disk is full; the part written until then is kept in ``target``'s ``.part``, as after a kill.
     """
     target = Path(target)
     refuse_target(target, overwrite=overwrite, origin="record")
@@ -143,7 +143,7 @@ def record(
                         sight.take(frame)
                 clocks = ClockChoice(offset_ms)
                 remarks, _ = _state_facts(writer, run, sight, info, sensor, end.tare or tare, clocks)
-            except BaseException as error:  # what was written is the only copy of the run; facts can be found again
+            except BaseException as error:  # the file is the only copy of the run; facts can be found again
                 writer.close()
                 if isinstance(error, TipforceError):
                     kept = f"{target} is kept, without tare and clock map"
@@ -155,7 +155,7 @@ def record(
 
 
 class RunWriter(Protocol):
-    """Takes the events of a run and what is found in them, as `RecordingWriter` does."""
+    """Takes the events and the findings of a run, as `RecordingWriter` does."""
 
     def write(self, event: Event) -> object:
         """Takes the next event."""
@@ -187,7 +187,7 @@ def write_run(
 
     Raises:
         TimeError: images and force of files do not overlap, or their clock map cannot be determined. Of another source
-            what was recorded is kept, without a map.
+            the recorded events are kept, without a map.
     """
     run, sight = _Run(progress), _RunDetector(info, vision) if clock.offset_ms == "auto" or names else None
     for event in events:
@@ -228,7 +228,7 @@ def _state_facts(
     pose = sensor or info.sensor
     if pose.angle_deg is None or pose.reads is None:
         remarks.append(
-            "the pose of the force sensor is not stated: its x axis is taken to lie along the catheter's base, its "
+            "the pose of the force sensor is not stated: its x axis is taken along the catheter's base, its "
             "readings as tip-on-tissue; see sensor.angle_deg and sensor.reads in bench.toml"
         )
         pose = replace(pose, angle_deg=pose.angle_deg or 0.0, reads=pose.reads or "tip-on-tissue")
@@ -253,7 +253,7 @@ def _state_facts(
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
     found = ForceCorrections(pose, level, inertia, stage, plausible)
-    # what one program recorded runs on one clock; files may come from several
+    # events of one program run on one clock; files may come from several
     shares = files is None or info.stage.clock == "camera"
     clocks, inertia = find_clock(seen, info, stamps, force, found, clock, remarks, stage_shares=shares)
     writer.state(clocks)
@@ -291,7 +291,7 @@ _SHAKEN_N = 3e-3
 def _remaining_inertia(
     seen: DetectedShapes, stamps: IntArray, force: FloatArray, found: ForceCorrections, clocks: ClockMap, scale: float
 ) -> tuple[float, str]:
-    """Inertia that the labels hold, root mean square in N, and how it is known; 0 and nothing where it is not.
+    """Returns the inertia in the labels, root mean square in N, and its source; 0 and "" if it is unknown.
 
     By the readings of the contact-free stretch; where nothing was removed, by the tip's acceleration in the images,
     too: the stage may have been at rest in that stretch. ``scale``: metres per pixel, 0 where it is not known.
@@ -309,19 +309,19 @@ def _remaining_inertia(
 
 
 def _check_inertia(found: ForceCorrections, left_n: float, source: str, name: str) -> list[str]:
-    """Remarks on the inertia that was removed without the stage's log, and on what the labels hold of it.
+    """Returns remarks on the inertia that was removed without the stage's log, and on its rest in the labels.
 
     Args:
-        found: how the force log is read.
-        left_n: what the labels hold, N.
-        source: how that is known.
+        found: corrections of the force log.
+        left_n: inertia in the labels, N.
+        source: origin of that figure.
         name: of the force log.
 
     Raises:
         InputError: the labels would hold more than `MAX_INERTIA_N` of a mass that moves with the sensor.
     """
     mass_kg, stage = found.sensor.moving_mass_kg if found.sensor else None, found.stage.names
-    mass = f"the {1e3 * mass_kg:.0f} g that move with the sensor" if mass_kg else "what moves with the sensor"
+    mass = f"the {1e3 * mass_kg:.0f} g that move with the sensor" if mass_kg else "the mass that moves with the sensor"
     why = f" ({found.inertia.detail})" if found.inertia.detail else ""
     remedy = "check that the stage's log belongs to this run" if stage else "add the stage's log as a further file"
     size = f"{1e3 * left_n:.0f} mN (root mean square) of the inertia of {mass}"
@@ -334,7 +334,7 @@ def _check_inertia(found: ForceCorrections, left_n: float, source: str, name: st
         )
     remarks: list[str] = []
     if found.inertia.beat_hz:
-        part = "what the stage's log leaves of the inertia" if found.inertia.axes else "the inertia"
+        part = "the rest of the inertia after the stage's log" if found.inertia.axes else "the inertia"
         size_n = math.sqrt(0.5 * float(np.sum(found.inertia.beat_n**2, axis=(0, 1)).max()))
         remarks.append(
             f"{part} of {mass}, {1e3 * size_n:.0f} mN (root mean square), is removed as the contact-free stretch shows "
@@ -378,7 +378,7 @@ def _check_tare(
 
 
 class _Run:
-    """What is remembered of the events that were written: stamps of the frames, readings of the force, the stage."""
+    """Memory of the written events: stamps of the frames, readings of the force, the stage."""
 
     def __init__(self, progress: Callable[[int], None] | None) -> None:
         self._progress, self._count = progress, 0
@@ -467,7 +467,7 @@ class _RunDetector:
         """Returns a detector calibrated on more of the run: a catheter at rest hides its background; None: not yet."""
         if (len(self.shapes) - 1) % self._every == 0:
             self._kept.append(image)
-        if len(self._kept) < 2 * _KEPT:
+        if len(self._kept) < 2 * KEPT_IMAGES:
             return None
         self._kept, self._every = self._kept[::2], 2 * self._every
         try:
@@ -488,7 +488,7 @@ def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) ->
 def _check_cover(names: tuple[str, str], frames: IntArray, force: IntArray, clock: ClockMap) -> list[str]:
     """A remark where many images get no force. Raises TimeError where almost none gets one."""
     count = int(covered_frames(clock.force_ns(frames), force).sum())
-    if count >= _COVERED * len(frames):
+    if count >= MIN_COVERED_SHARE * len(frames):
         return []
     moved = f", moved by the clock offset of {clock.offset_ms:+.1f} ms," if clock.offset_ns else ""
     spans = (
@@ -496,7 +496,7 @@ def _check_cover(names: tuple[str, str], frames: IntArray, force: IntArray, cloc
         f"{frames[-1] * 1e-9:.3f} s of the images"
     )
     step_s = float(np.median(np.diff(force))) * 1e-9 if len(force) > 1 else 0.0
-    rare = f"; its readings lie {step_s:.3g} s apart, at most {MAX_GAP_S:g} s are allowed" if step_s > MAX_GAP_S else ""
+    rare = f"; its readings are {step_s:.3g} s apart, at most {MAX_GAP_S:g} s are allowed" if step_s > MAX_GAP_S else ""
     if count < min(_FEWEST, len(frames)):
         raise TimeError(
             f"{names[1]}: gives a force to {count} of the {len(frames)} images of {names[0]}: {spans}{rare}; check "

@@ -82,7 +82,7 @@ class BenchRecording:
         self.health_at_end: tuple[DeviceHealth, ...] = ()
 
     def stop(self) -> None:
-        """End the recording after what has arrived; from any thread, or a signal's handler."""
+        """Ends the recording after the events that have arrived; from any thread, or a signal's handler."""
         self._stopped = True
         if self._watched is not None:
             self._watched.stop()
@@ -94,11 +94,11 @@ class BenchRecording:
         return self._watched.health() if self._watched is not None else ()
 
     def seconds_so_far(self) -> float:
-        """Of recording; 0 before it has begun."""
+        """Duration of the recording; 0 before it has begun."""
         return self._watched.seconds() if self._watched is not None else 0.0
 
     def connect(self) -> list[str]:
-        """Wait for the devices; returns remarks on settings that differ from what was asked for.
+        """Waits for the devices; returns remarks on settings that differ from the requested ones.
 
         Raises:
             DeviceError: a device does not answer, unless ``partial``; all of them are named.
@@ -128,9 +128,9 @@ class BenchRecording:
         lossless: bool = False,
         overwrite: bool = False,
     ) -> RecordingReport:
-        """Record to ``target`` until the end; see `record` for what it raises.
+        """Records to ``target`` until the end; see `record` for its errors.
 
-        With a guide the remarks end with what is missing to train on it, or say that it can be trained on.
+        With a guide the remarks end with the conditions that are missing for training, or say that none is.
         """
         if self._hardware is not None:
             with self._hardware as source, self._motion(source):
@@ -142,7 +142,7 @@ class BenchRecording:
 
     @contextmanager
     def _motion(self, source: HardwareSource) -> Generator[None]:
-        """The stage moves meanwhile where ``bench.toml`` says how; it brakes whatever ends the recording."""
+        """Moves the stage meanwhile if ``bench.toml`` states a motion; it brakes at every end of the recording."""
         if self._stage is None or self._stage.motion is None or (stage := source.actuators) is None:
             yield
             return
@@ -229,11 +229,13 @@ class _Watched:
             over = self._seconds is not None and event.stamp_ns - self._began_ns >= self._seconds * 1e9
             if over or self._stopped or (self._guide is not None and self._guide.done):
                 self.stop()
-                if not isinstance(self._source, HardwareSource):  # which gives what has arrived, then ends
+                if not isinstance(
+                    self._source, HardwareSource
+                ):  # a hardware source yields the arrived events, then ends
                     return
 
     def health(self) -> tuple[DeviceHealth, ...]:
-        """Of a source without devices: as one."""
+        """Health of a source without devices, as one device."""
         now = self.clock.now_ns()
         streams = tuple(
             StreamHealth(
@@ -260,10 +262,10 @@ def _stream(event: Event) -> tuple[str, Any]:
 
 
 def describe_health(devices: tuple[DeviceHealth, ...]) -> list[str]:
-    """What went wrong on the way, one line for each device or stream with something to say."""
+    """Returns one line for each device or stream with a fault during the recording."""
     said: list[str] = []
     for device in devices:
-        found = [f"{count} {what}" for what, count in sorted(device.counts.items()) if count]
+        found = [f"{count} {kind}" for kind, count in sorted(device.counts.items()) if count]
         if device.connections > 1:
             found.append(f"connected {device.connections} times")
         for stream in device.streams:
@@ -299,7 +301,7 @@ def _health_values(device: DeviceHealth) -> dict[str, Any]:
 
 
 def _clock_statement(clock: Clock, devices: tuple[DeviceHealth, ...]) -> dict[str, str]:
-    """What the stamps of each stream are, and when their zero was."""
+    """Returns the meaning of the stamps of each stream, and the time of their zero."""
     zero = datetime.now(UTC) - timedelta(microseconds=clock.now_ns() / 1000)
     return {
         "zero_utc": zero.isoformat(timespec="milliseconds"),

@@ -18,7 +18,7 @@ from ._simulate_sessions import FORMS, refuse_form
 
 @dataclass(frozen=True)
 class SimulateReport:
-    """What was simulated: ``paths`` of the sessions, or of the dataset; number of ``frames``; ``seconds`` it took."""
+    """Result of a simulation: ``paths`` of the sessions or the dataset; number of ``frames``; its ``seconds``."""
 
     paths: tuple[Path, ...]
     frames: int
@@ -70,7 +70,7 @@ def simulate(
     """Simulates sessions as a real bench leaves them, with the truth in a file beside each.
 
     Args:
-        output: folder that they go to; sessions that stand there already are kept.
+        output: folder of the result; sessions that exist there are kept.
         preset: bench-2021, generalise, varied, thesis-2021-plain, thesis-2021, fluoro, biplane, guidewire,
             catheter-5f, or settings of one's own.
         sessions: how many.
@@ -79,7 +79,7 @@ def simulate(
         form: one recording a session; or a folder of video (or DICOM), logs and bench.toml, to be imported.
         lossless: keep every pixel as it is rendered.
         executor: "local": all cores of this machine; "ray": the nodes of the cluster at RAY_ADDRESS.
-        progress: called with what is done and its share.
+        progress: called with the current step and the share that is done.
 
     Raises:
         InputError: no such preset, or sessions of other settings in ``output``.
@@ -120,7 +120,7 @@ def simulate_dataset(
     """Simulates labelled images at random instants of as many short sessions as needed: a dataset for training.
 
     Args:
-        output: the dataset folder; what a kill interrupted goes on with the same arguments.
+        output: the dataset folder; an interrupted run goes on with the same arguments.
         preset: as for `simulate`.
         samples: number of images.
         samples_per_session: images of each session.
@@ -131,7 +131,7 @@ def simulate_dataset(
         lossless: keep every pixel as it is rendered.
         executor: "local": all cores of this machine; "ray": the nodes of the cluster at RAY_ADDRESS.
         say: called with a line for people, such as a warning about disk space.
-        progress: called with what is done and its share.
+        progress: called with the current step and the share that is done.
 
     Raises:
         InputError: no such preset, other samples in ``output``, too little disk.

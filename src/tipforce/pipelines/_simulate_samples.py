@@ -1,4 +1,4 @@
-"""How simulated sessions become labelled samples: the label is what importing the recording would give."""
+"""Makes labelled samples of simulated sessions: the label is the one that an import of the recording gives."""
 
 import json
 import shutil
@@ -28,7 +28,7 @@ from ..simulation import (
 from ..types import Actuation, Frame, IntArray, Observation
 
 _BYTES_PER_PX = {False: 0.2, True: 2.6}
-"""Of an image, lossless or not, with a margin."""
+"""Bytes per pixel of an image, lossless or not, with a margin."""
 _LARGE = 1e9
 
 
@@ -75,11 +75,11 @@ def write_samples(
 
 
 def _read_made(path: Path) -> dict[str, Any]:
-    """What ``simulated.json`` says that a folder was made from."""
+    """Returns the arguments that a folder was made from, as ``simulated.json`` states them."""
     remedy = "choose another folder with -o or delete this one"
     values = read_json(path, remedy=remedy)
     if not isinstance(values, dict):
-        raise FileFormatError(f"{path}: does not say what the samples were made from; {remedy}")
+        raise FileFormatError(f"{path}: does not state the arguments of the samples; {remedy}")
     return values  # pyright: ignore[reportUnknownVariableType]
 
 
@@ -123,7 +123,7 @@ def _masks(bench: SimulatedBench, truth: Truth) -> dict[str, list[bytes]]:
 
 
 def _observed(bench: SimulatedBench, frames: IntArray, tick: Callable[[], None]) -> list[Observation]:
-    """What an estimator would have seen at ``frames``."""
+    """Returns the observations of an estimator at ``frames``."""
     readings, joints = bench.readings, bench.readings.joints
     rows = range(len(joints.stamp_ns) if bench.has_joints else 0)
     events: list[Actuation | Frame] = [readings.actuation(joints, row) for row in rows]

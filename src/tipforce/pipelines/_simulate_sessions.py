@@ -13,7 +13,7 @@ from ._record import record
 
 
 def record_session(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
-    """Record ``bench``, with what its session metadata state of sensor, tare and view."""
+    """Records ``bench``, with its session metadata of sensor, tare and view."""
     record(
         bench,
         target,
@@ -74,4 +74,4 @@ def refuse_form(form: str, settings: AnySimulationSettings) -> None:
 
 
 FORMS = {"recording": (".mcap", record_session), "files": ("", leave_files), "dicom": ("", leave_dicom)}
-"""What ``--as`` may be: how the names of the sessions end, and what writes one."""
+"""Values of ``--as``: ending of the names of the sessions, and the function that writes one."""

@@ -55,7 +55,7 @@ class StageMotion:
         return {axis: self._rest[axis] + share * (heart[axis] - self._rest[axis]) for axis in self._axes}
 
     def needs(self) -> dict[str, AxisLimits]:
-        """Returns what the motion asks of each axis: range in mm, largest speed in mm/s and acceleration in mm/s^2."""
+        """Returns the motion's needs for each axis: range in mm, largest speed in mm/s and acceleration in mm/s^2."""
         config = self.config
         time_s = np.linspace(0.0, 1.0 / config.rate_hz, _SAMPLES)
         breath = 2.0 * math.pi * config.respiration_hz

@@ -17,7 +17,7 @@ from ..units import newtons_to_grams
 
 @dataclass(frozen=True, slots=True)
 class RecordingSummary:
-    """What a person wants to know of a recording.
+    """Summary of a recording for a person.
 
     ``duration_s``: from the first to the last stamp of all streams; ``image_size``: (width, height) of the first view;
     ``paired``: of each further view, how many frames of the first have a partner in it; ``labelled``: frames of all

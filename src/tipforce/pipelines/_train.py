@@ -29,13 +29,13 @@ from ._estimate import session_info_from
 
 Data = str | Path | Dataset | Sequence[str | Path | Dataset]
 """Labelled samples: a dataset, or recordings, a dataset folder, Parquet shards or a published layout; or several."""
-_STEPS = 1000
-"""In which a training on a cluster tells how far it is."""
+PROGRESS_STEPS = 1000
+"""Steps in which a training on a cluster reports its progress."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainReport:
-    """What a training came to.
+    """Result of a training.
 
     ``model``: the folder; ``estimator``: the fitted method; ``manifest``: content of its model.json; ``metrics``:
     errors in newtons on the samples held out, empty without any; ``lines``: the same for people.
@@ -73,18 +73,18 @@ def train(
         output: the model folder to write.
         estimator: name of the method: svr, dcfe, compact, rod or rod-track.
         settings: the method's settings, or some of their values.
-        bench: metadata in place of what the data hold.
+        bench: metadata in place of those in the data.
         init_from: networks only: a model to be fine-tuned, or "pretrained" for the shipped one of this method.
         without: names of sessions that are left out.
-        calibrate: other sessions, on which the intervals are found.
-        samples: draw so many samples; all by default.
+        calibrate: other sessions, on which the intervals are fitted.
+        samples: number of samples to draw; all by default.
         holdout: share of the samples, 0..1, held out at random to measure errors on.
         seed: of drawing, holding out, cross-validation and training; by default that of the settings.
         resume: networks only: go on with a training that was cut off.
         overwrite: replace a model that is there already.
         executor: "local": here; "ray": in one piece on the largest node of the cluster at RAY_ADDRESS. A network whose
             node is lost goes on from its last checkpoint on another.
-        progress: called with what is done and its share.
+        progress: called with the current step and the share that is done.
 
     Raises:
         InputError: the data or settings cannot be used, or ``output`` is there already.
@@ -103,7 +103,7 @@ def train(
         tell = None if progress is None else partial(progress, "training on the cluster")
         task = partial(_train_there, asked)
         ((metrics, remarks),) = chosen.run(
-            task, [0], steps=_STEPS, alone=True, shared=output.absolute().parent, progress=tell
+            task, [0], steps=PROGRESS_STEPS, alone=True, shared=output.absolute().parent, progress=tell
         )
         fitted = load_model(output)
     manifest = read_manifest(output)
@@ -112,7 +112,7 @@ def train(
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """What `train` was asked for. ``begun``: whether a training of ``output`` was cut off before."""
+    """Arguments of `train`. ``begun``: whether a training of ``output`` was cut off before."""
 
     data: Data
     output: Path
@@ -131,7 +131,7 @@ class _Asked:
 
 
 def _train_here(asked: _Asked, progress: Progress | None) -> tuple[Estimator, Mapping[str, Any], tuple[str, ...]]:
-    """The fitted method, its metrics, and what a person should know of the data."""
+    """Returns the fitted method, its metrics, and remarks on the data."""
     output, resume = asked.output, asked.resume
     method = create(asked.estimator, asked.settings)
     check_target(output, overwrite=asked.overwrite)
@@ -151,14 +151,14 @@ def _train_here(asked: _Asked, progress: Progress | None) -> tuple[Estimator, Ma
 
 
 def _train_there(asked: _Asked, item: int, step: Callable[[], None]) -> tuple[Mapping[str, Any], tuple[str, ...]]:
-    """On a node; what a node before it left when it was lost is gone on with."""
+    """Runs on a node; it goes on from the checkpoint of a node that was lost."""
     del item
     taken = 0
 
     def progress(what: str, share: float) -> None:
         nonlocal taken
         del what
-        while taken < round(share * _STEPS):
+        while taken < round(share * PROGRESS_STEPS):
             taken += 1
             step()
 
