@@ -53,7 +53,6 @@ REMAINING: dict[str, int] = {
     "limits": 12,
     "live": 135,
     "mechanics": 78,
-    "pipelines": 184,
     "plausibility": 10,
     "simulation": 286,
     "training": 24,

@@ -46,7 +46,7 @@ def copy_recording(
         return [recover_recording(recording, target, overwrite=overwrite)]
     if offset_ms == "start" or recording.suffix == ".part":
         raise InputError(
-            f'{recording}: offset_ms="start" is for logs, and the rest of a crash must be recovered first: import it without '
+            f'{recording}: offset_ms="start" is for logs, a crashed recording is recovered first: import it without '
             "offset_ms and tare, then state them for the copy"
         )
     with RecordingReader(recording) as reader:

@@ -1,6 +1,6 @@
 """The whole job on a simulated bench: the commands that a user would type, one after the other.
 
-Each command runs as a program of its own, so the demo shows and tests what users type. Nothing here computes a force.
+Each command runs as a program of its own, so the demo shows and tests the commands of users. Nothing here computes a force.
 """
 
 import importlib.util
@@ -25,12 +25,12 @@ Say = Callable[[str, str | None], None]
 _HELD_OUT = 2
 """Sessions that no model sees in training: the last ones."""
 _EPOCHS = 4
-"""Of fine-tuning; enough for a bench like the one of the pre-training, and short."""
+"""Epochs of fine-tuning; enough for a bench like the one of the pre-training, and short."""
 
 
 @dataclass(frozen=True)
 class DemoReport:
-    """What the demo left.
+    """Result of the demo.
 
     ``report``: the page that compares the models on sessions never seen; ``best``: the model with the smallest mean
     absolute error there; ``seconds``: when each step began, when the "first force" and the "first report" were there,
@@ -50,7 +50,7 @@ def demo(
     The force in the video of the first session is estimated before anything else.
 
     Args:
-        output: folder for everything; files of an earlier run are replaced, sessions that stand there are kept.
+        output: folder for everything; files of an earlier run are replaced, sessions in it are kept.
         sessions: number of sessions, at least 3; the last two train nothing.
         seconds: length of each session.
         samples: labelled frames that each model is trained on.
@@ -136,16 +136,16 @@ def demo(
 
     marks["total"] = round(time.monotonic() - started, 1)
     say(f"\nDone in {marks['total']:.0f} s. Look at:", None)
-    for what, path in (
+    for content, path in (
         ("sessions never seen", report / "report.html"),
         ("random split beside sessions", splits / "report.html"),
         ("the force in the video", output / "overlay.mp4"),
         ("a row a frame", output / "forces.csv"),
-        ("what is detected in a video", output / "detected.png"),
-        ("what is in a recording", output / "recording.png"),
+        ("the detected catheter in a video", output / "detected.png"),
+        ("the content of a recording", output / "recording.png"),
         ("a model and its card", svr / "README.md"),
     ):
-        say(f"  {what:<30} {path}", None)
+        say(f"  {content:<32} {path}", None)
     return DemoReport(report / "report.html", best, marks)
 
 
@@ -158,7 +158,7 @@ def _estimate(say: Say, model: str, session: Path, forces: Path, overlay: Path) 
 
 
 def _import(say: Say, runs: Path, folder: Path) -> None:
-    """Imports the session in ``folder``; of what is printed, the line about the clocks is repeated."""
+    """Imports the session in ``folder`` and repeats the printed line about the clocks."""
     target = runs / f"{folder.name}.mcap"
     printed = _type(
         say, "import", folder / "video.mp4", folder / "force.csv", folder / "stage.csv",
@@ -181,7 +181,7 @@ def _best_of(models: list[str], metrics: Path) -> str:
 
 
 def _type(say: Say, *words: object, capture: bool = False) -> str:
-    """Types one command of the program and waits for it; returns what it printed for people, if ``capture``."""
+    """Types one command of the program and waits for it; returns its text for people, if ``capture``."""
     command = [str(word) for word in words]
     say(f"$ tipforce {shlex.join(command)}", "cyan")
     done = run_child([sys.executable, "-m", "tipforce", *command], capture=capture)
