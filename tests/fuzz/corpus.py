@@ -37,7 +37,7 @@ INFO = SessionInfo(
     name="run",
     catheter=Catheter("9F", 3.2e-3, 40e-3, 8e-3, 4e-4, ((0.0, 1.0), (1.0, 0.5))),
     views={"camera": ViewInfo(4.6e-4, "left", None, (0, 0, 160, 120), "dark", "camera")},
-    sensor=SensorInfo(90.0, "tip-on-tissue", (0.0, 0.2), 0.01),
+    sensor=SensorInfo(90.0, "tip-on-tissue", (0.0, 0.2), 0.0),
     actuation=ActuationInfo(0.5, None, {"knob_deg": 10.0}),
     remarks="made for the fuzz suite",
 )

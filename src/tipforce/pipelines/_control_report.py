@@ -194,7 +194,7 @@ def _page(run: ControlRun, figures: dict[str, Any], svg: str, command: str) -> s
         f"<title>tipforce control: {escape(figures['title'])}</title><style>{_STYLE}</style></head><body><main>"
         f"<p class='quiet'>{escape(figures['title'])}. Research use only.</p><h1>{escape(verdict(figures))}</h1>"
         f"{typed}<figure>{drawing}<figcaption>Above the force: target, true force, estimate with its 90 % interval; "
-        "red at the foot: no valid estimate; red bands: drawn back above the limit. Below the place on the path. Bands: "
+        "red at the foot: no valid estimate; red bands: drawn back above the limit. Below: place on the path. Bands: "
         f"the states of the run.</figcaption></figure><table>{rows}</table><h2>Events</h2><ol>{changes}</ol>"
         "</main></body></html>\n"
     )

@@ -1,6 +1,7 @@
 """The whole job on a simulated bench: the commands that a user would type, one after the other.
 
-Each command runs as a program of its own, so the demo shows and tests the commands of users. Nothing here computes a force.
+Each command runs as a program of its own, so the demo shows and tests the commands of users. This module computes no
+force.
 """
 
 import importlib.util

@@ -236,16 +236,19 @@ def _state_facts(
         tare = pose.no_contact_s
     writer.state(pose)
     stage = run.stage
-    plausible, level, inertia = find_plausible_force(
-        stamps,
-        force,
-        stage,
-        tare,
-        remarks,
-        status=status,
-        moving_mass_kg=pose.moving_mass_kg,
-        range_n=pose.range_n,
-    )
+    try:
+        plausible, level, inertia = find_plausible_force(
+            stamps,
+            force,
+            stage,
+            tare,
+            remarks,
+            status=status,
+            moving_mass_kg=pose.moving_mass_kg,
+            range_n=pose.range_n,
+        )
+    except InputError as error:
+        raise InputError(f"{files[1]}: {error}" if files else str(error)) from None
     force = plausible.corrected(stamps, force)
     writer.state(plausible)
     writer.state(level)
