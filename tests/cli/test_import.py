@@ -121,7 +121,7 @@ def test_logs_beside_one_of_a_stated_kind_are_told_apart_as_bench_toml_describes
         (["--knob-deg", "inf"], "--knob-deg: expected degrees, got 'inf'"),
         (["--bench", "none.toml"], "none.toml: does not exist; write one with `tipforce init-bench -o none.toml`"),
         (["--offset-ms", "1e30"], "less than 2e12 ms"),
-        (["again.csv"], "again.csv: cannot tell what it is a log of (zeit_ms, Fx)"),
+        (["again.csv"], "again.csv: cannot determine the kind of this log (zeit_ms, Fx)"),
         (["extra.csv"], "extra.csv: "),
     ],
 )

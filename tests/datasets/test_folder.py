@@ -276,7 +276,7 @@ def test_images_outside_of_the_folder_are_refused(make_folder: Callable[..., Pat
     table = folder / "metadata.csv"
     stated = str(folder.parent / "others/a.png") if name == "ABSOLUTE" else name
     table.write_text(table.read_text().replace("images/0_1.png", stated))
-    with pytest.raises(FileFormatError, match=r"line 3: .* lies outside of "):
+    with pytest.raises(FileFormatError, match=r"line 3: .* is outside of "):
         open_dataset(folder)
 
 

@@ -414,7 +414,7 @@ def messages() -> list[tuple[str, str, str, str, list[str]]]:
         (
             "unknown axes",
             "time_s,load\n" + regular,
-            "cannot tell which columns",
+            "cannot determine which columns",
             "sensor.log.fx, fy and fz",
             ["sensor.log.fx=load", "sensor.log.force_unit=N"],
         ),

@@ -49,7 +49,6 @@ REMAINING: dict[str, int] = {
     "evaluation": 87,
     "geometry": 2,
     "hardware": 90,
-    "io": 164,
     "limits": 12,
     "live": 135,
     "mechanics": 78,

@@ -1,4 +1,4 @@
-"""Actuation between its readings: one rule for files and live streams."""
+"""Interpolates the readings of drives at the stamps of frames: one rule for files and live streams."""
 
 import math
 
@@ -7,18 +7,18 @@ import numpy as np
 from ..types import Actuation, FloatArray, IntArray
 
 WAIT_S = 0.5
-"""How much later than a frame a reading may come and still be used to interpolate at the frame."""
+"""A reading that comes at most this much later than a frame is used to interpolate at the frame."""
 
 
 class ActuationSeries:
-    """Readings of all drives, by name, in the order in which they came."""
+    """Readings of all drives by name, in the order in which they came."""
 
     def __init__(self) -> None:
         self._stamps: dict[str, list[int]] = {}
         self._values: dict[str, list[float]] = {}
 
     def add(self, event: Actuation) -> None:
-        """One reading; a stamp that is not later than the one before replaces it."""
+        """Adds a reading; it replaces earlier readings of the same drive whose stamps are not before its own."""
         for name, value in event.values.items():
             stamps = self._stamps.setdefault(name, [])
             values = self._values.setdefault(name, [])
@@ -29,11 +29,11 @@ class ActuationSeries:
             values.append(value)
 
     def final_at(self, stamp_ns: int) -> bool:
-        """True where there are readings and every name has one at or after ``stamp_ns``: later ones change nothing."""
+        """Whether every drive has a reading at or after ``stamp_ns``, so that later ones change nothing there."""
         return bool(self._stamps) and all(stamps[-1] >= stamp_ns for stamps in self._stamps.values())
 
     def forget_before(self, stamp_ns: int) -> None:
-        """Drop what no frame at or after ``stamp_ns`` needs."""
+        """Drops the readings that no frame at or after ``stamp_ns`` needs."""
         for name, stamps in self._stamps.items():
             keep = 0
             while keep + 1 < len(stamps) and stamps[keep + 1] <= stamp_ns:
@@ -42,7 +42,18 @@ class ActuationSeries:
                 del stamps[:keep], self._values[name][:keep]
 
     def at(self, stamps_ns: IntArray, *, wait_s: float = WAIT_S) -> dict[str, FloatArray]:
-        """Name -> (n,): linear where the next reading comes within ``wait_s`` of the stamp, else the last one holds.
+        """Returns the readings at the stamps of frames.
+
+        Between two readings the value is linear where the later one comes within ``wait_s`` of the stamp; otherwise the
+        earlier reading holds.
+
+        Args:
+            stamps_ns: (n,) stamps of the frames.
+            wait_s: longest time from a frame to the next reading, s.
+
+        Returns:
+            Name -> (n,) values in the unit of the name; NaN before the first reading.
+
 
         >>> series = ActuationSeries()
         >>> for second, knob_deg in ((0, 0.0), (1, 10.0), (9, 90.0)):

@@ -1,7 +1,7 @@
-"""The ROS 2 messages of a recording, packed and unpacked by hand: CDR, little endian, fixed schemas.
+"""Packs and unpacks the ROS 2 messages of a recording: CDR, little endian, fixed schemas.
 
-Own packing because it is ten times faster than a general decoder and lets a whole force series be read as one array;
-the tests hold it against the ROS 2 decoder of ``mcap-ros2-support``.
+This module is ten times faster than a general decoder and reads a whole force series as one array. The tests compare it
+with the ROS 2 decoder of ``mcap-ros2-support``.
 """
 
 import struct
@@ -17,7 +17,7 @@ WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FORCE_ESTIMATE = "tipforce_msgs/msg/ForceEstimate"
 ESTIMATE = "estimate"
-"""The stream of estimates in a recording."""
+"""Name of the stream of estimates in a recording."""
 
 _RULE = "\n" + "=" * 80 + "\nMSG: "
 _HEADER = (
@@ -45,7 +45,7 @@ SCHEMAS: dict[str, str] = {
 
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _ESTIMATE_NUMBERS = 3 + 9 + 6 + 1 + 2 + 1
-_START = 4  # alignment counts from behind the encapsulation
+_START = 4  # alignment counts from the end of the encapsulation header
 
 
 def _string(text: str) -> bytes:
@@ -62,18 +62,32 @@ def _header(stamp_ns: int, frame: str) -> bytes:
 
 
 def pack_image(stamp_ns: int, frame: str, encoding: str, data: bytes) -> bytes:
-    """A CompressedImage: ``encoding`` is "jpeg" or "png"."""
+    """Packs a CompressedImage.
+
+    Args:
+        stamp_ns: stamp of the header.
+        frame: frame of reference of the header.
+        encoding: "jpeg" or "png".
+        data: the compressed image.
+    """
     head = _padded(_header(stamp_ns, frame), 4) + _string(encoding)
     return b"".join((_padded(head, 4), struct.pack("<I", len(data)), data))
 
 
 def pack_wrench(stamp_ns: int, frame: str, force_n: FloatArray, torque_nm: FloatArray) -> bytes:
-    """A WrenchStamped: force (3,), torque (3,)."""
+    """Packs a WrenchStamped.
+
+    Args:
+        stamp_ns: stamp of the header.
+        frame: frame of reference of the header.
+        force_n: (3,) force, N.
+        torque_nm: (3,) torque, N m.
+    """
     return _padded(_header(stamp_ns, frame), 8) + struct.pack("<6d", *force_n, *torque_nm)
 
 
 def pack_joints(stamp_ns: int, values: Mapping[str, float]) -> bytes:
-    """A JointState: every name ends in its unit and ``position`` holds the value in that unit."""
+    """Packs a JointState. Each name ends in its unit, and ``position`` holds the value in that unit."""
     raw = _padded(_header(stamp_ns, ""), 4) + struct.pack("<I", len(values))
     for name in values:
         raw = _padded(raw, 4) + _string(name)
@@ -84,7 +98,13 @@ def pack_joints(stamp_ns: int, values: Mapping[str, float]) -> bytes:
 
 
 def pack_estimate(stamp_ns: int, estimate: ForceEstimate, frame: str = "base") -> bytes:
-    """A ForceEstimate at ``stamp_ns``; the detected shape is not in it. ``interval_n``: low, high of x, then y, z."""
+    """Packs a ForceEstimate, without the detected shape.
+
+    Args:
+        stamp_ns: stamp of the header.
+        estimate: the estimate; ``interval_n`` is packed as low, high of x, then of y and z.
+        frame: frame of reference of the header.
+    """
     raw = _padded(_header(stamp_ns, frame), 4) + _string(estimate.status.value)
     raw = _padded(raw, 4) + _string(estimate.detail) + struct.pack("<3?", *estimate.known)
     numbers = (
@@ -99,7 +119,7 @@ def pack_estimate(stamp_ns: int, estimate: ForceEstimate, frame: str = "base") -
 
 
 class _Cursor:
-    """Walks through one message."""
+    """Reads one message field by field."""
 
     def __init__(self, raw: bytes | memoryview) -> None:
         if bytes(raw[:2]) != _LITTLE_ENDIAN[:2]:
@@ -127,7 +147,7 @@ class _Cursor:
 
 
 def unpack_image(raw: bytes | memoryview) -> tuple[int, str, memoryview]:
-    """Stamp, format and the compressed bytes."""
+    """Returns stamp, format and compressed bytes of a CompressedImage."""
     cursor = _Cursor(raw)
     stamp_ns, _frame, encoding = cursor.stamp(), cursor.text(), cursor.text()
     length = cursor.count()
@@ -135,7 +155,7 @@ def unpack_image(raw: bytes | memoryview) -> tuple[int, str, memoryview]:
 
 
 def unpack_wrench(raw: bytes | memoryview) -> tuple[int, str, FloatArray, FloatArray]:
-    """Stamp, frame of reference, force (3,), torque (3,)."""
+    """Returns stamp, frame of reference, force (3,) and torque (3,) of a WrenchStamped."""
     cursor = _Cursor(raw)
     stamp_ns, frame = cursor.stamp(), cursor.text()
     values = np.array(cursor.take("6d", 8))
@@ -143,7 +163,7 @@ def unpack_wrench(raw: bytes | memoryview) -> tuple[int, str, FloatArray, FloatA
 
 
 def unpack_joints(raw: bytes | memoryview) -> tuple[int, dict[str, float]]:
-    """Stamp, and name -> position."""
+    """Returns the stamp of a JointState, and name -> position."""
     cursor = _Cursor(raw)
     stamp_ns = cursor.stamp()
     cursor.text()
@@ -154,7 +174,7 @@ def unpack_joints(raw: bytes | memoryview) -> tuple[int, dict[str, float]]:
 
 
 def unpack_estimate(raw: bytes | memoryview) -> ForceEstimate:
-    """The inverse of `pack_estimate`. Raises ValueError where status and numbers contradict each other."""
+    """Inverts `pack_estimate`. Raises ValueError where the numbers do not fit the status."""
     cursor = _Cursor(raw)
     stamp_ns = cursor.stamp()
     cursor.text()
@@ -176,7 +196,7 @@ def unpack_estimate(raw: bytes | memoryview) -> ForceEstimate:
 
 
 def wrench_layout(raw: bytes | memoryview) -> tuple[str, int]:
-    """Frame of reference of a WrenchStamped, and where its six numbers start."""
+    """Returns the frame of reference of a WrenchStamped, and the byte at which its six numbers start."""
     cursor = _Cursor(raw)
     cursor.stamp()
     frame = cursor.text()

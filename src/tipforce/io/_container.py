@@ -1,8 +1,8 @@
-"""The MCAP file below the messages: what lies where, read by chunk and never as a whole.
+"""The MCAP file below the messages: finds chunks and messages by the index, and never reads the file as a whole.
 
-Everything that is read is held to its checksum, as far as the file states one. The index at the end has its own. That
-of the data section covers all before it, chunks too; since every uncompressed chunk states its own, the former is
-checked when a file is opened without reading the chunks, and each chunk when it is read.
+All data that are read are compared with their checksum, as far as the file states one. The index at the end has its
+own. The checksum of the data section covers everything before it, chunks too. Every uncompressed chunk states its own
+as well, so the former is checked when a file is opened, without reading the chunks, and each chunk when it is read.
 """
 
 import io
@@ -31,25 +31,25 @@ from ..errors import FileFormatError
 from ..types import IntArray
 
 _OURS = "tipforce."
-"""What the names of our metadata records begin with; every recording of ours has one."""
+"""Prefix of the names of our metadata records; every recording of ours has one."""
 MESSAGE_HEAD = 31
 """Bytes of a message record before its payload: opcode, length, channel, sequence, log time, publish time."""
 MAX_CHUNK_BYTES = 1 << 30
-"""Largest chunk that is read: a few kB can claim to unpack to anything."""
+"""Largest chunk that is read: a few kB can claim to unpack to any size."""
 _INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 _RECORD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct(
-    "<BQQQQII"
-)  # opcode, length, first and last time, size, crc, length of the compression's name
-_FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, of its offsets, crc
+_CHUNK_HEAD = struct.Struct("<BQQQQII")
+"""Opcode, length, first and last time, size, crc, and the length of the name of the compression."""
+_FOOTER = struct.Struct("<BQQQI")
+"""Opcode, length, start of the summary, start of its offsets, crc."""
 _DATA_END = struct.Struct("<BQI")
 _FAULTS = (McapError, struct.error, ValueError, OverflowError, OSError, MemoryError)
-"""What the parser raises on nonsense."""
+"""Exceptions that the parser raises for damaged bytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """Where the messages of one channel lie, in the order of their times: ``time_ns``, ``chunk``, ``offset`` (n,)."""
+    """Positions of the messages of one channel in the order of their times: ``time_ns``, ``chunk``, ``offset`` (n,)."""
 
     time_ns: IntArray
     chunk: IntArray
@@ -57,20 +57,20 @@ class Entries:
 
 
 def recovery_advice(path: Path) -> str:
-    """What to do with a recording that is cut off or damaged; ends a message."""
+    """Returns the advice for a recording that is cut off or damaged; it ends a message."""
     return (
-        f"copy it again from where it was made, or write what is whole in it to a new recording with "
+        f"copy it again from the computer that recorded it, or write its undamaged part to a new recording with "
         f"`tipforce import {path} -o {recovered_name(path)}`"
     )
 
 
 def recovered_name(path: Path) -> Path:
-    """A name for what is whole in the recording ``path``."""
+    """Returns a name for the recording that keeps the undamaged part of ``path``."""
     return path.with_name(path.name.removesuffix(".part").removesuffix(".mcap") + "-recovered.mcap")
 
 
 def whole_summary(stream: IO[bytes]) -> tuple[Summary, int] | None:
-    """The index at the end of a file and where it starts; None where it is cut off or differs from its checksum."""
+    """Returns the index at the end of a file and its position; None where it is cut off or its checksum differs."""
     size = stream.seek(0, 2)
     end = size - len(MCAP0_MAGIC) - _FOOTER.size
     if end < len(MCAP0_MAGIC):
@@ -94,21 +94,27 @@ def whole_summary(stream: IO[bytes]) -> tuple[Summary, int] | None:
 
 
 def is_foreign_metadata(names: Iterable[str]) -> bool:
-    """Whether none of the metadata records with these names is of a recording of ours."""
+    """Whether none of the metadata records with these names belongs to a recording of ours."""
     return not any(name.startswith(_OURS) for name in names)
 
 
 def is_foreign(path: Path) -> bool:
-    """Whether ``path`` is a whole MCAP file that another program wrote: without metadata of ours."""
+    """Whether ``path`` is a complete MCAP file that another program wrote, that is, without metadata of ours."""
     with path.open("rb") as stream:
         found = whole_summary(stream)
     return found is not None and is_foreign_metadata(index.name for index in found[0].metadata_indexes)
 
 
 def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:
-    """Whether all before the index at ``start`` but the content of the chunks is as it was written.
+    """Whether all bytes before the index, except the content of the chunks, are as they were written.
 
-    True where it cannot be determined: without the data section's checksum, and where chunks are compressed.
+    The result is True where it cannot be determined: without the checksum of the data section, and where chunks are
+    compressed.
+
+    Args:
+        stream: the file.
+        summary: its index.
+        start: position of the index, bytes.
     """
     stream.seek(start - _DATA_END.size)
     opcode, length, stated = _DATA_END.unpack(stream.read(_DATA_END.size))
@@ -142,7 +148,7 @@ def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:
 class Container:
     """One open ``.mcap`` with an index.
 
-    Raises FileFormatError where it is cut off, foreign, without chunks, or other than its checksums say.
+    Raises FileFormatError where it is cut off, of another program, without chunks, or differs from its checksums.
     """
 
     def __init__(self, path: Path) -> None:
@@ -189,11 +195,11 @@ class Container:
         )
 
     def close(self) -> None:
-        """Close the file."""
+        """Closes the file."""
         self._stream.close()
 
     def _read_at(self, place: int, size: int) -> bytes:
-        """Up to ``size`` bytes of the file; none beyond its end, where an offset may not even be sought."""
+        """Returns up to ``size`` bytes at ``place``; none beyond the end of the file, where seeking may fail."""
         if place >= os.fstat(self._stream.fileno()).st_size:
             return b""
         self._stream.seek(place)
@@ -207,7 +213,7 @@ class Container:
         )
 
     def _read_chunk(self, number: int) -> bytes:
-        """The uncompressed records of a chunk."""
+        """Returns the uncompressed records of a chunk."""
         index = self.chunks[number]
         if max(index.uncompressed_size, index.chunk_length) > MAX_CHUNK_BYTES:
             raise self._damaged(number, f"a chunk larger than {MAX_CHUNK_BYTES >> 20} MiB")
@@ -216,7 +222,7 @@ class Container:
             opcode, length = _RECORD.unpack_from(raw)
             chunk = Chunk.read(ReadDataStream(io.BytesIO(memoryview(raw)[_RECORD.size :])))
             if opcode != Opcode.CHUNK or length != len(raw) - _RECORD.size:
-                raise ValueError("no chunk is where the index says")
+                raise ValueError("no chunk is at the position that the index states")
             if chunk.uncompressed_size != index.uncompressed_size:
                 raise ValueError("its size is not that of the index")
             if chunk.compression == "":
@@ -225,7 +231,7 @@ class Container:
                 stream, size = get_chunk_data_stream(chunk)
                 data = stream.read(size)
             if len(data) != index.uncompressed_size:
-                raise ValueError("its size is not what it states")
+                raise ValueError("its size is not the stated one")
             if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
                 raise ValueError("its checksum differs")
         except (*_FAULTS, RuntimeError) as error:
@@ -233,7 +239,7 @@ class Container:
         return data
 
     def chunk_entries(self, number: int, channel: int) -> tuple[IntArray, IntArray]:
-        """Times and offsets of a channel's messages in one chunk, in the order in which they were written."""
+        """Returns times and offsets of a channel's messages in one chunk, in the order in which they were written."""
         place = self.chunks[number].message_index_offsets.get(channel)
         if place is None:
             return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -243,9 +249,9 @@ class Container:
         opcode, length, owner, room = struct.unpack("<BQHI", head)
         raw = self._stream.read(room) if room == length - 6 and length <= MAX_CHUNK_BYTES else b""
         if opcode != Opcode.MESSAGE_INDEX or owner != channel or len(raw) != length - 6 or room % _INDEX_ENTRY.itemsize:
-            raise self._damaged(number, "no index of its messages is where it should be")
+            raise self._damaged(number, "no index of its messages is at the stated position")
         entries = np.frombuffer(raw, dtype=_INDEX_ENTRY)
-        # what lies beyond 2^63 ns or the chunk would wrap round or crash where it is used
+        # a time beyond 2^63 ns would overflow, an offset beyond the chunk would crash the reader
         if len(entries) and (
             int(entries["time"].max()) >= 1 << 63
             or int(entries["offset"].max()) + MESSAGE_HEAD > self.chunks[number].uncompressed_size
@@ -254,7 +260,7 @@ class Container:
         return entries["time"].astype(np.int64), entries["offset"].astype(np.int64)
 
     def entries(self, channel: int) -> Entries:
-        """All messages of a channel, in the order of their times."""
+        """Returns all messages of a channel, in the order of their times."""
         parts = [self.chunk_entries(number, channel) for number in range(len(self.chunks))]
         if not parts:
             return Entries(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64))
@@ -265,7 +271,17 @@ class Container:
         return Entries(times[order], chunks[order], offsets[order])
 
     def message_lengths(self, number: int, channel: int, times: IntArray, offsets: IntArray) -> IntArray:
-        """(n,) bytes of the payloads of a channel's messages in a chunk; each has to be what the index says it is."""
+        """Returns the (n,) lengths of the payloads of a channel's messages in a chunk, bytes.
+
+        Args:
+            number: number of the chunk.
+            channel: the channel.
+            times: (n,) times of the messages in the index, ns.
+            offsets: (n,) offsets of their records in the chunk, bytes.
+
+        Raises:
+            FileFormatError: a record does not have the channel and the time that the index states.
+        """
         data = np.frombuffer(self.chunk_data(number), np.uint8)
         heads = data[offsets[:, None] + np.arange(MESSAGE_HEAD)]
         lengths = _number(heads, 1, "<u8").astype(np.int64) - (MESSAGE_HEAD - _RECORD.size)
@@ -278,13 +294,13 @@ class Container:
         return lengths
 
     def payload(self, number: int, channel: int, time_ns: int, offset: int) -> memoryview:
-        """The message of ``channel`` and ``time_ns`` whose record starts at ``offset`` of a chunk."""
+        """Returns the message of ``channel`` at ``time_ns`` with the record at ``offset`` of the chunk ``number``."""
         data = self.chunk_data(number)
         (length,) = self.message_lengths(number, channel, np.array([time_ns]), np.array([offset])).tolist()
         return memoryview(data)[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + length]
 
     def in_time_order(self, channels: set[int]) -> Iterator[tuple[int, int, memoryview]]:
-        """Time, channel and payload of every message; holds only the chunks that overlap in time."""
+        """Yields time, channel and payload of every message; it holds only the chunks that overlap in time."""
         pending: list[tuple[int, int, int, int, memoryview]] = []
         for number, chunk in enumerate(self.chunks):
             wanted = channels & set(chunk.message_index_offsets)
@@ -308,5 +324,5 @@ class Container:
 
 
 def _number(heads: npt.NDArray[np.uint8], at: int, kind: str) -> IntArray:
-    """(n,) numbers of ``kind`` that start at byte ``at`` of each of ``heads`` (n, bytes)."""
+    """Returns the (n,) numbers of ``kind`` that start at byte ``at`` of each of ``heads`` (n, bytes)."""
     return np.ascontiguousarray(heads[:, at : at + np.dtype(kind).itemsize]).view(kind)[:, 0]

@@ -1,4 +1,4 @@
-"""A multi-frame DICOM file (XA, or any other with grey or RGB pixels) as a row of frames with their own stamps."""
+"""Reads a multi-frame DICOM file (XA, or any other with grey or RGB pixels) as frames with their own stamps."""
 
 import importlib
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ _MAGIC_AT = 128
 
 
 def is_dicom(path: Path) -> bool:
-    """Whether the file says of itself that it is DICOM, whatever its name."""
+    """Whether the content of the file is marked as DICOM, under any name."""
     if not path.is_file():
         return False
     with path.open("rb") as stream:
@@ -26,14 +26,14 @@ def is_dicom(path: Path) -> bool:
 
 
 def _checked_count(path: Path, data: Any) -> int:
-    """Frames that the header claims.
+    """Returns the number of frames that the header claims.
 
     Raises:
         FileFormatError: they have more pixels than the limit, or are more than the file can hold.
     """
     try:
         width, height, count = (int(data.get(name) or 1) for name in ("Columns", "Rows", "NumberOfFrames"))
-    except Exception:  # an element is parsed when it is asked for, and what is wrong with it has many kinds
+    except Exception:  # an element is parsed when it is read, and its faults raise many kinds of errors
         raise FileFormatError(f"{path}: its header states no size in numbers; copy it again from its archive") from None
     check_pixels(width, height, str(path))
     if not 1 <= count <= path.stat().st_size:
@@ -51,26 +51,29 @@ def _read(path: Path, *, pixels: bool) -> Any:
         raise MissingExtraError("pydicom", extra="dicom") from None
     try:
         return pydicom.dcmread(path, stop_before_pixels=not pixels)
-    except Exception as error:  # a damaged file meets many parsers, and each raises its own kind
+    except Exception as error:  # several parsers read a damaged file, and each raises its own kind of error
         raise FileFormatError(f"{path}: cannot be read as DICOM ({error}); copy it again from its archive") from None
 
 
 class DicomFile:
-    """A DICOM file, to be read as often as wanted. Raises MissingExtraError without pydicom, FileFormatError."""
+    """A DICOM file that can be read any number of times.
+
+    Raises MissingExtraError without pydicom, and FileFormatError.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.frame_count = _checked_count(path, _read(path, pixels=False))
 
     def frames(self, view: str = "camera") -> Iterator[Frame]:
-        """Yields all frames, 8 bit, with square pixels; grey where the file is, else RGB.
+        """Yields all frames, 8 bit, with square pixels: grey where the file is grey, else RGB.
 
-        Of more bits the upper eight of those stored are kept. Stamps come from FrameTimeVector, FrameTime or CineRate,
-        in this order; the first frame is at FrameDelay, at 0 where there is none (DICOM PS3.3 C.7.6.5.1).
+        Where more than 8 bits are stored, the upper eight are kept. Stamps come from FrameTimeVector, FrameTime or
+        CineRate, in this order; the first frame is at FrameDelay, or at 0 without one (DICOM PS3.3 C.7.6.5.1).
 
         Raises:
             FileFormatError: the file holds no images, or none that can be decoded here.
-            TimeError: the file does not say when its frames were taken.
+            TimeError: the file does not state the times of its frames.
         """
         return _frames(self.path, view)
 
@@ -87,10 +90,10 @@ def _frames(path: Path, view: str) -> Iterator[Frame]:
     except Exception as error:  # see `_checked_count`
         raise FileFormatError(f"{path}: its header is damaged ({error}); copy it again from its archive") from None
     if signed:
-        raise FileFormatError(f"{path}: holds signed pixels, whose black nobody states; save it with unsigned ones")
+        raise FileFormatError(f"{path}: holds signed pixels, whose black is not stated; save it with unsigned ones")
     found = 0
     try:
-        for pixels in _decoded(data):  # one by one: all of them may be a thousand times as large as the file
+        for pixels in _decoded(data):  # one by one: together they may be a thousand times as large as the file
             if found == count or pixels.ndim != (3 if coloured else 2):
                 raise ValueError(f"more than {count} frames" if found == count else f"{pixels.ndim} dimensions")
             image = _eight_bit(pixels, stored, str(data.PhotometricInterpretation))

@@ -1,6 +1,6 @@
-"""What a recording knows of itself beside its streams: clock map, tare, inertia, session metadata.
+"""Metadata records of a recording: clock map, tare, inertia, session metadata.
 
-Each fact is one metadata record of the file, all of whose values are text.
+Each fact is one metadata record of the file, and all its values are text.
 """
 
 import json
@@ -17,28 +17,34 @@ from ..plausibility import ForcePlausibility
 from ..types import FloatArray, IntArray, SessionInfo, frozen
 
 SUBTRACTED_FORCE = "tipforce.zero"
-"""Name, before its number, of a metadata record: an operator's zero, which is subtracted from the estimates of a
-recording from ``stamp_ns`` on until the next record; a ``magnitude_n`` of 0 undoes it."""
+"""Name of a metadata record, followed by a number. It holds a zero that the operator set: this force is subtracted from
+the estimates of the recording from ``stamp_ns`` on until the next such record; a ``magnitude_n`` of 0 undoes it."""
 _REMEDY = "import it again"
 _T = TypeVar("_T")
 
 _DIGITS = 7
-"""Decimals of a fact in newtons or kilograms: what lies beyond is the rounding of sums, and no fact."""
+"""Decimals of a fact in newtons or kilograms; the further ones are rounding errors of sums."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockMap:
-    """How the force log's clock maps to the camera's.
+    """Maps the clock of the force log to the clock of the camera.
 
     Camera time = force stamp + ``offset_ns`` + (``rate`` - 1) (force stamp - ``reference_ns``): ``rate`` is the true
-    frame rate over that of the camera's stamps where the log's clock is right.
+    frame rate divided by that of the camera's stamps where the clock of the log is right.
 
-    ``how``: "estimated" from deflection against force, "stated" by a person, "none" where the clocks are taken as one,
-    "refused" where it could not be determined (``detail``: the reason): such a recording has no labels, "stage" where
-    the deflection shows that camera and stage run on one clock, but tells the offset less well than the stage's
-    movement in the force does. ``stderr_ms``, ``rate_stderr``: one standard error, of the offset at ``reference_ns``
-    and of the rate; NaN unless estimated. ``explained``: share of the deflection's variance that the force explains,
-    NaN unless tried.
+    Attributes:
+        offset_ns: added to the force stamp ``reference_ns``, ns.
+        how: "estimated" from deflection and force; "stated" by a person; "none" where both are taken as one clock;
+            "refused" where it could not be determined (``detail`` states the reason), so that the recording has no
+            labels; "stage" where the deflection shows that camera and stage run on one clock, but the movement of the
+            stage in the force gives the offset more precisely than the deflection does.
+        stderr_ms: one standard error of the offset at ``reference_ns``, ms; NaN unless estimated.
+        explained: share of the variance of the deflection that the force explains; NaN unless tried.
+        detail: one line for the user.
+        rate: see above.
+        rate_stderr: one standard error of ``rate``; NaN unless estimated.
+        reference_ns: the force stamp at which the offset holds, ns.
     """
 
     offset_ns: int = 0
@@ -56,7 +62,7 @@ class ClockMap:
         return self.offset_ns * 1e-6
 
     def camera_ns(self, force_ns: IntArray) -> IntArray:
-        """(n,) stamps of the force log -> (n,) stamps of the camera's clock.
+        """Maps (n,) stamps of the force log to (n,) stamps of the clock of the camera.
 
         >>> ClockMap(5_000_000, "stated", rate=0.8).camera_ns(np.array([0, 1_000_000_000])).tolist()
         [5000000, 805000000]
@@ -64,12 +70,12 @@ class ClockMap:
         return force_ns + self.offset_ns + _stretched(force_ns - self.reference_ns, self.rate)
 
     def force_ns(self, camera_ns: IntArray) -> IntArray:
-        """The inverse of `camera_ns`."""
+        """Inverts `camera_ns`."""
         moved = camera_ns - self.offset_ns
         return moved + _stretched(moved - self.reference_ns, 1.0 / self.rate)
 
     def record(self) -> dict[str, str]:
-        """As a metadata record."""
+        """Returns the metadata record."""
         return {
             "offset_ns": str(self.offset_ns),
             "how": self.how,
@@ -84,7 +90,7 @@ class ClockMap:
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "ClockMap":
-        """The inverse of `record`; the rate of older recordings is 1. Raises ValueError."""
+        """Inverts `record`; the rate of older recordings is 1. Raises ValueError."""
         how = record.get("how", "none")
         return cls(
             offset_ns=int(record.get("offset_ns", "0")),
@@ -99,12 +105,12 @@ class ClockMap:
 
 
 def _stretched(elapsed_ns: IntArray, rate: float) -> IntArray:
-    """(n,) ns that a clock of ``rate`` gains in ``elapsed_ns`` (n,)."""
+    """Returns the (n,) ns by which a clock of ``rate`` gains in ``elapsed_ns`` (n,)."""
     return np.rint(elapsed_ns * (rate - 1.0)).astype(np.int64) if rate != 1.0 else np.zeros_like(elapsed_ns)
 
 
 def _rate(record: Mapping[str, str]) -> float:
-    """The rate that ``record`` states; 1 in older recordings. Raises ValueError."""
+    """Returns the rate that ``record`` states; 1 in older recordings. Raises ValueError."""
     rate = float(record.get("rate", "1.0"))
     if not (math.isfinite(rate) and rate > 0.0):
         raise ValueError(f"rate: expected a positive number, got {rate}")
@@ -121,11 +127,14 @@ def _nans() -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tare:
-    """What the sensor shows without contact, to be subtracted from every reading.
+    """The reading of the sensor without contact, which is subtracted from every reading.
 
-    ``force_n`` (3,): in the frame of the readings, 0 where the sensor has no such axis; ``stderr_n`` (3,), NaN where
-    unknown. ``stretches_s``: (start, end) in seconds of the force log's clock since its first row. ``how``: "stated",
-    "detected", "none" (nothing is subtracted).
+    Attributes:
+        force_n: (3,) in the frame of the readings, N; 0 where the sensor has no such axis.
+        stderr_n: (3,) one standard error of it, N; NaN where unknown.
+        stretches_s: (start, end) of the stretches without contact, s on the clock of the force log since its first row.
+        how: "stated", "detected" or "none" (nothing is subtracted).
+        detail: one line for the user.
     """
 
     force_n: FloatArray = field(default_factory=_zeros)
@@ -139,7 +148,7 @@ class Tare:
             object.__setattr__(self, name, frozen(name, np.round(value, _DIGITS), (3,)))
 
     def record(self) -> dict[str, str]:
-        """As a metadata record."""
+        """Returns the metadata record."""
         return {
             "force_n": json.dumps(self.force_n.tolist()),
             "stderr_n": json.dumps(self.stderr_n.tolist()),
@@ -151,7 +160,7 @@ class Tare:
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "Tare":
-        """The inverse of `record`. Raises ValueError, TypeError or FileFormatError."""
+        """Inverts `record`. Raises ValueError, TypeError or FileFormatError."""
         how = record.get("how", "none")
         return cls(
             force_n=np.array(_value(record, "force_n", "[0, 0, 0]"), np.float64),
@@ -172,13 +181,22 @@ def _no_beat() -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertia:
-    """What a sensor that rides on a stage shows of the mass it carries, to be subtracted from every reading.
+    """The reading that a sensor on a moving stage gives because of the mass that it carries.
 
-    ``axes``: names of the stage's positions; ``gain_kg`` (axes, 3): reading for each m/s^2, in the frame of the
-    readings. Stage stamp = force stamp + ``lag_ns`` + (``rate`` - 1) (force stamp - ``reference_ns``).
-    ``beat_n`` (harmonics, 2, 3): cosines and sines, N, of the frequencies ``beat_hz``, 2 ``beat_hz`` ... of the time
-    since ``reference_ns``, for the part that no log of the stage explains.
-    ``how``: "estimated" or "none" (nothing is subtracted).
+    It is subtracted from every reading. Stage stamp = force stamp + ``lag_ns`` + (``rate`` - 1) (force stamp -
+    ``reference_ns``).
+
+    Attributes:
+        axes: names of the positions of the stage.
+        gain_kg: (axes, 3) reading for each m/s^2, in the frame of the readings.
+        lag_ns: see above, ns.
+        how: "estimated" or "none" (nothing is subtracted).
+        detail: one line for the user.
+        rate: see above.
+        reference_ns: see above, ns.
+        beat_hz: fundamental frequency of the part that no log of the stage explains, Hz.
+        beat_n: (harmonics, 2, 3) its cosines and sines, N, at ``beat_hz``, 2 ``beat_hz`` ... of the time since
+            ``reference_ns``.
     """
 
     axes: tuple[str, ...] = ()
@@ -196,11 +214,11 @@ class Inertia:
         object.__setattr__(self, "beat_n", frozen("beat_n", np.round(self.beat_n, _DIGITS), (None, 2, 3)))
 
     def stage_ns(self, force_ns: IntArray) -> IntArray:
-        """(n,) stamps of the force log -> (n,) stamps of the stage's clock."""
+        """Maps (n,) stamps of the force log to (n,) stamps of the clock of the stage."""
         return force_ns + self.lag_ns + _stretched(force_ns - self.reference_ns, self.rate)
 
     def record(self) -> dict[str, str]:
-        """As a metadata record."""
+        """Returns the metadata record."""
         return {
             "axes": json.dumps(self.axes),
             "gain_kg": json.dumps(self.gain_kg.tolist()),
@@ -218,7 +236,7 @@ class Inertia:
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "Inertia":
-        """The inverse of `record`. Raises ValueError, TypeError or FileFormatError."""
+        """Inverts `record`. Raises ValueError, TypeError or FileFormatError."""
         axes = tuple(str(name) for name in _value(record, "axes", "[]"))
         return cls(
             axes=axes,
@@ -234,7 +252,7 @@ class Inertia:
 
 
 Fact = ClockMap | ForcePlausibility | Inertia | Tare
-"""What is found in a recording."""
+"""A finding about a recording that its metadata hold."""
 
 _RECORD_NAMES: dict[type, str] = {
     ClockMap: "tipforce.clock_offset",
@@ -254,12 +272,12 @@ def record_name(fact: Fact) -> str:
 
 
 def session_record(info: SessionInfo) -> dict[str, str]:
-    """The metadata record that holds ``info``: as JSON, in the form of ``bench.toml``."""
+    """Returns the metadata record that holds ``info`` as JSON, in the form of ``bench.toml``."""
     return {"json": json.dumps(info.values(), ensure_ascii=False)}
 
 
 def session_from(record: Mapping[str, str], where: str) -> SessionInfo:
-    """The inverse of `session_record`; nothing is known where there is no record. Raises InputError."""
+    """Inverts `session_record`; nothing is known without a record. Raises InputError."""
     if "json" not in record:
         return SessionInfo()
     values = parse_json(record["json"], f"{where}: session metadata", _REMEDY)
@@ -269,10 +287,16 @@ def session_from(record: Mapping[str, str], where: str) -> SessionInfo:
 
 
 def fact_from(kind: Callable[[Mapping[str, str]], _T], record: Mapping[str, str], name: str, where: str) -> _T:
-    """What ``kind``, such as `Tare.of`, makes of the metadata record ``name`` of ``where``.
+    """Reads a fact from a metadata record.
+
+    Args:
+        kind: makes the fact, such as `Tare.of`.
+        record: the metadata record.
+        name: its name, for the message.
+        where: the file, for the message.
 
     Raises:
-        FileFormatError: its values are not what they have to be.
+        FileFormatError: a value is missing or has another type or range.
     """
     try:
         return kind(record)
@@ -281,5 +305,5 @@ def fact_from(kind: Callable[[Mapping[str, str]], _T], record: Mapping[str, str]
 
 
 def _value(record: Mapping[str, str], key: str, default: str) -> Any:
-    """The JSON value that a record states for ``key``."""
+    """Returns the JSON value that a record states for ``key``."""
     return parse_json(record.get(key, default), key)

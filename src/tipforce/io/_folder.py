@@ -22,9 +22,13 @@ _DIGITS = re.compile(r"\d+")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageFolder:
-    """``files``: n paths in the order of ``stamp_ns`` (n,); ``actuation``: name -> (n,), NaN without a reading.
+    """Images of a folder in the order of their stamps.
 
-    ``numbered``: nobody stated the stamps, which only count the images.
+    Attributes:
+        files: n paths.
+        stamp_ns: (n,) stamps.
+        actuation: name -> (n,) readings; NaN without a reading.
+        numbered: whether the stamps only count the images, because no file states them.
     """
 
     files: tuple[Path, ...]
@@ -34,23 +38,23 @@ class ImageFolder:
 
     @property
     def frame_count(self) -> int:
-        """Images."""
+        """Number of images."""
         return len(self.files)
 
     @property
     def file_names(self) -> tuple[str, ...]:
-        """Of each image, without its folder."""
+        """Name of each image without its folder."""
         return tuple(path.name for path in self.files)
 
     def frames(self, view: str = "camera") -> Iterator[Frame]:
-        """Yields the images, one after the other."""
+        """Yields the images in the order of their stamps."""
         depth = StreamDepth.of_files(self.files)
         for path, stamp in zip(self.files, self.stamp_ns.tolist(), strict=True):
             yield Frame(stamp, read_image(path, depth), view)
 
 
 class InFolder:
-    """Finds the files that a table names in its folder, and nowhere else on the machine."""
+    """Finds the files that a table names in its folder; files elsewhere on the machine are refused."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -58,21 +62,26 @@ class InFolder:
         self._places: dict[Path, bool] = {}
 
     def file(self, table: Table, row: int, name: str) -> Path:
-        """The path of ``name``, which ``row`` of ``table`` states.
+        """Returns the path of the file that a table names.
+
+        Args:
+            table: the table.
+            row: the row that names the file.
+            name: name of the file, relative to the folder.
 
         Raises:
-            FileFormatError: there is no such file, or it lies outside of the folder, also by a link.
+            FileFormatError: there is no such file, or it is outside of the folder, also by a link.
         """
         path = self._folder / name
         try:
             there, link = path.is_file(), path.is_symlink()
-        except (OSError, ValueError):  # a name that no file has
+        except (OSError, ValueError):  # no file can have this name
             there, link = False, False
-        if path.parent not in self._places:  # of thousands of images that lie in few folders
+        if path.parent not in self._places:  # thousands of images are in few folders
             self._places[path.parent] = self._within(path.parent)
         if not self._places[path.parent] or (link and not self._within(path)):
             raise FileFormatError(
-                f"{table.path}, {table.place(row)}: {name[:200]!r} lies outside of {self._folder}; copy it there and "
+                f"{table.path}, {table.place(row)}: {name[:200]!r} is outside of {self._folder}; copy it there and "
                 "name it from there"
             )
         if not there:
@@ -83,17 +92,20 @@ class InFolder:
         try:
             return os.path.commonpath([self._root, os.path.realpath(path)]) == self._root
         except (OSError, ValueError):
-            return True  # a name that no file has: it is not there
+            return True  # no file can have this name
 
 
 def read_folder(folder: Path) -> ImageFolder:
-    """The images of ``folder`` in the order of their stamps, or the only one, where it is an image file.
+    """Reads the images of a folder in the order of their stamps, or one image file.
 
     Stamps come from ``stamps.csv`` or ``metadata.csv`` (``file_name`` and a time column such as ``stamp_ns`` or
     ``time_s``; further columns NAME_UNIT are actuation), else from the names: ``SECONDS-NANOSECONDS``, a number with
     its unit (``123_ns``, ``0.25s``), or a count of nanoseconds, microseconds or milliseconds since 1970. Where no name
-    holds one, the images are still images, in the order of the numbers in their names and one second apart. Raises
-    FileFormatError without images or where some names only hold stamps, TimeError where stamps repeat.
+    holds a stamp, the images are in the order of the numbers in their names and one second apart.
+
+    Raises:
+        FileFormatError: there are no images, or only some names hold stamps.
+        TimeError: stamps repeat.
     """
     if folder.is_file():
         return ImageFolder((folder,), _numbered(1), {}, numbered=True)
@@ -158,13 +170,13 @@ def _from_names(folder: Path) -> ImageFolder:
 
 
 def _by_number(path: Path) -> tuple[list[tuple[int, str]], str]:
-    """Sorts image2 before image10, as people count."""
+    """Returns a key that sorts image2 before image10."""
     parts = re.split(r"(\d+)", path.name.lower())
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
 
 
 def _say_order(folder: Path, files: Sequence[Path]) -> None:
-    """Says in which order the images are taken, where their names sort otherwise by letters."""
+    """Warns about the order of the images where their names in alphabetical order have another one."""
     by_letters = sorted(files)
     for place, (here, there) in enumerate(zip(files, by_letters, strict=True)):
         if here != there:

@@ -1,4 +1,4 @@
-"""Force logs and logs of drives: which column is what, in which unit."""
+"""Reads force logs and logs of drives: finds their columns and units."""
 
 import math
 import re
@@ -25,9 +25,13 @@ _COUNTS_FACT = "counts per unit force"
 class ForceLog:
     """A force log in newtons.
 
-    ``stamp_ns`` (n,), strictly rising, on the log's own clock; ``force_n`` (n, 3), NaN for axes it lacks and where a
-    cell holds no reading; ``knob`` (n,) or None; ``status`` (n,): the sensor's status codes, 0 where all is well, or
-    None. ``said``: which columns were taken for what; ``remarks``: what was assumed, in sentences.
+    Attributes:
+        stamp_ns: (n,) strictly rising stamps on the log's own clock.
+        force_n: (n, 3) forces, N; NaN for axes that the log lacks and where a cell holds no reading.
+        knob: (n,) angle of the knob, or None.
+        said: the columns that were taken as time and force.
+        status: (n,) status codes of the sensor, 0 for no fault, or None.
+        remarks: the assumptions, in sentences.
     """
 
     stamp_ns: IntArray
@@ -40,9 +44,12 @@ class ForceLog:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveLog:
-    """A log of drives: ``stamp_ns`` (n,), strictly rising; ``values``: NAME_UNIT -> (n,), NaN where a cell is empty.
+    """A log of drives.
 
-    ``remarks``: what was assumed, in sentences.
+    Attributes:
+        stamp_ns: (n,) strictly rising stamps.
+        values: NAME_UNIT -> (n,) readings; NaN where a cell is empty.
+        remarks: the assumptions, in sentences.
     """
 
     stamp_ns: IntArray
@@ -52,7 +59,7 @@ class DriveLog:
 
 @dataclass(frozen=True, slots=True)
 class _Axis:
-    """``axis`` 0 to 2 is ``column``, times ``newtons``."""
+    """The force of ``axis`` 0 to 2 is ``column`` times ``newtons``."""
 
     axis: int
     column: str
@@ -64,14 +71,14 @@ def read_force_log(path: Path, info: ForceLogInfo | None = None, knob_column: st
 
     Args:
         path: a text table, a workbook (.xlsx) or variables of MATLAB (.mat).
-        info: what ``bench.toml`` states of it, section ``sensor.log``.
+        info: description of the log in ``bench.toml``, section ``sensor.log``.
         knob_column: the column with the knob's angle.
 
     Raises:
         FileFormatError: the file is no table.
         TableError: columns or units are not clear, or a cell holds no reading; the message names line and column.
         TimeError: the times are not those of a log.
-        InputError: what ``info`` states does not go with the file.
+        InputError: the description in ``info`` does not fit the file.
     """
     info = info or ForceLogInfo()
     log = open_log(path, info, "sensor.log")
@@ -119,11 +126,11 @@ def read_drive_log(path: Path, info: LogInfo | None = None, key: str = "actuatio
 
     Args:
         path: a text table, a workbook (.xlsx) or variables of MATLAB (.mat).
-        info: what ``bench.toml`` states of it.
+        info: description of the log in ``bench.toml``.
         key: the section of ``info``: "actuation.log", or "stage.log".
 
     Raises:
-        FileFormatError, TableError, TimeError: as `read_force_log`.
+        FileFormatError, TableError, TimeError: see `read_force_log`.
     """
     log = open_log(path, info or LogInfo(), key)
     date = None if info is None else info.date
@@ -144,7 +151,7 @@ def read_drive_log(path: Path, info: LogInfo | None = None, key: str = "actuatio
 
 
 def _axes(log: Log, info: ForceLogInfo, remarks: list[str]) -> list[_Axis]:
-    """Column and newtons of every axis that the log has."""
+    """Returns column and newtons of every axis that the log has."""
     table = log.table
     found: list[tuple[int, str, float]] = []
     for axis, name in enumerate((info.fx, info.fy, info.fz)):
@@ -157,7 +164,7 @@ def _axes(log: Log, info: ForceLogInfo, remarks: list[str]) -> list[_Axis]:
         found = sorted(("xyz".index(match[1].lower()), column, 1.0) for column, match in matches if match)
         if not found or len({axis for axis, _, _ in found}) < len(found):
             raise TableError(
-                f"{table.path}: cannot tell which columns are the force ({listed(table.columns)}); state them as "
+                f"{table.path}: cannot determine which columns are the force ({listed(table.columns)}); state them as "
                 "sensor.log.fx, fy and fz in bench.toml"
             )
     units = [_unit(log, column, info) for _, column, _ in found]
@@ -170,7 +177,7 @@ def _axes(log: Log, info: ForceLogInfo, remarks: list[str]) -> list[_Axis]:
 
 
 def _unit(log: Log, column: str, info: ForceLogInfo) -> str:
-    """The unit of a column: stated, in its name, below the header, or above the table."""
+    """Returns the unit of a column: stated, in its name, below the header, or above the table."""
     if info.force_unit is not None:
         return info.force_unit
     named = _UNIT_AT_END.search(column)
@@ -188,10 +195,10 @@ def _unit(log: Log, column: str, info: ForceLogInfo) -> str:
 def _newtons(
     log: Log, columns: Sequence[str], units: Sequence[str], info: ForceLogInfo, remarks: list[str]
 ) -> list[float]:
-    """Newtons of one in each column.
+    """Returns the newtons that the number 1 is in each column.
 
-    A log of ATI states "Counts per Unit Force" and holds counts, or in later versions of its program forces: counts
-    are whole numbers.
+    A log of ATI states "Counts per Unit Force" and holds counts; a log of later versions of its program holds forces.
+    Counts are whole numbers.
     """
     stated = log.table.facts.get(_COUNTS_FACT, "")
     per_unit = float(stated) if re.fullmatch(r"\d+(?:\.\d*)?(?:[eE]\d+)?", stated) else 0.0
@@ -223,11 +230,11 @@ def _newtons(
 
 
 def logs_by_kind(paths: Sequence[Path], infos: Mapping[str, LogInfo] | None = None) -> dict[str, Path]:
-    """Tells logs apart by what their columns hold; a single log is always taken for the force's.
+    """Determines the kind of each log by its columns; a single log is always taken as the force's.
 
     Args:
         paths: the logs.
-        infos: kind -> what ``bench.toml`` states of the log of this kind.
+        infos: kind -> description of the log of this kind in ``bench.toml``.
 
     Returns:
         Kind -> log: "force", "stage" (positions, NAME_mm or NAME_m) or "knob" (NAME_deg).
@@ -249,16 +256,16 @@ def logs_by_kind(paths: Sequence[Path], infos: Mapping[str, LogInfo] | None = No
         kind = _kind_of(header) or ("force" if "force" not in found else "")
         if not kind or kind in found:
             raise TableError(
-                f"{path}: cannot tell what it is a log of ({listed(header)}); a log of the force has columns like "
-                "fx_n, one of the stage like forward_mm, one of the knob knob_deg, and there is one of each; state "
-                "which log is the stage's and which the knob's: `tipforce import VIDEO FORCE --stage FILE --knob FILE`"
+                f"{path}: cannot determine the kind of this log ({listed(header)}); a log of the force has columns "
+                "like fx_n, one of the stage like forward_mm, one of the knob knob_deg; there is one log of each kind; "
+                "state those of stage and knob: `tipforce import VIDEO FORCE --stage FILE --knob FILE`"
             )
         found[kind] = path
     return found
 
 
 def _kind_of(columns: Sequence[str]) -> str:
-    """The kind of a log by the names of its columns; empty where they do not tell it."""
+    """Returns the kind of a log by the names of its columns; empty where they do not show it."""
     if any(_AXIS.match(column) for column in columns):
         return "force"
     if any(column.lower().endswith("_deg") for column in columns):

@@ -1,4 +1,4 @@
-"""What the header of an image file states, read before it is decoded: its size, held to a limit, and its pages."""
+"""Reads size and number of pages from the header of an image file before it is decoded, and limits the size."""
 
 import os
 import struct
@@ -7,34 +7,34 @@ from collections.abc import Callable, Iterator
 from ..errors import FileFormatError, InputError
 
 MAX_MEGAPIXELS = "TIPFORCE_MAX_MEGAPIXELS"
-"""The environment variable that replaces the limit of `_MEGAPIXELS`."""
-_MEGAPIXELS = 100.0
-_BYTES_A_PIXEL = 8
-"""Of an image of four channels with 16 bits, uncompressed."""
+"""The environment variable that replaces the limit of `DEFAULT_MAX_MEGAPIXELS`."""
+DEFAULT_MAX_MEGAPIXELS = 100.0
+MAX_BYTES_PER_PIXEL = 8
+"""Bytes in a pixel of an uncompressed image with four channels of 16 bits."""
 
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers of the segments that state a JPEG's size."""
 _JPEG_ALONE = frozenset((0x00, 0x01, *range(0xD0, 0xD9)))
 """Markers without a segment."""
-_JPEG_SEGMENTS, _JPEG_GAP = 4096, 65536
-"""So far the size is looked for: segments, and bytes between two of them."""
+MAX_JPEG_SEGMENTS, MAX_JPEG_GAP_BYTES = 4096, 65536
+"""Number of segments, and of bytes between two of them, in which the size is searched for."""
 _TIFF_KIND, _TIFF_WIDTH, _TIFF_HEIGHT = 254, 256, 257
 _TIFF_FORMATS = {3: "H", 4: "I", 16: "Q"}
 _TIFF_REDUCED_OR_MASK = 0b101
 """Bits of a TIFF page's kind: a smaller copy of another page, a mask of its transparency."""
-_MOST_PAGES = 1_000_000
+MAX_TIFF_PAGES = 1_000_000
 _WEBP_ANIMATED = 0b10
 
 
 def max_pixels() -> int:
-    """Pixels that one image may have at most: 100 million, or what ``TIPFORCE_MAX_MEGAPIXELS`` says.
+    """Returns the largest number of pixels of one image: 100 million, or the value of ``TIPFORCE_MAX_MEGAPIXELS``.
 
     Raises:
         InputError: the variable is no number from 1 to 10,000.
     """
     stated = os.environ.get(MAX_MEGAPIXELS)
     try:
-        megapixels = _MEGAPIXELS if stated is None else float(stated)
+        megapixels = DEFAULT_MAX_MEGAPIXELS if stated is None else float(stated)
     except ValueError:
         megapixels = 0.0
     if not 1 <= megapixels <= 10_000:
@@ -43,12 +43,21 @@ def max_pixels() -> int:
 
 
 def max_file_bytes() -> int:
-    """Bytes that the file of one image may have at most: those of the largest image, uncompressed."""
-    return _BYTES_A_PIXEL * max_pixels()
+    """Returns the largest size of the file of one image in bytes: that of the largest image, uncompressed."""
+    return MAX_BYTES_PER_PIXEL * max_pixels()
 
 
 def check_pixels(width: int, height: int, where: str) -> None:
-    """Raises FileFormatError where an image of this size, which ``where`` holds, has too many pixels."""
+    """Checks the size of an image.
+
+    Args:
+        width: in px.
+        height: in px.
+        where: the file that holds the image, for the message.
+
+    Raises:
+        FileFormatError: the image has too many pixels.
+    """
     limit = max_pixels()
     if width * height > limit:
         raise FileFormatError(
@@ -58,7 +67,7 @@ def check_pixels(width: int, height: int, where: str) -> None:
 
 
 def check_encoded(data: bytes | memoryview, where: str) -> None:
-    """Raises FileFormatError where ``data`` is none of the formats of `encoded_size`, or has too many pixels."""
+    """Raises FileFormatError where ``data`` is in none of the formats of `encoded_size`, or has too many pixels."""
     size = encoded_size(data)
     if size is None:
         raise FileFormatError(f"{where}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF, BMP or WebP")
@@ -66,7 +75,7 @@ def check_encoded(data: bytes | memoryview, where: str) -> None:
 
 
 def encoded_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Width and height that the header of a PNG, JPEG, TIFF, BMP, WebP or GIF file states; None for anything else.
+    """Returns width and height in the header of a PNG, JPEG, TIFF, BMP, WebP or GIF file; None for other data.
 
     >>> import cv2, numpy as np
     >>> [encoded_size(cv2.imencode(kind, np.zeros((3, 5), np.uint8))[1].tobytes()) for kind in (".png", ".tif")]
@@ -88,7 +97,7 @@ def _png(data: memoryview) -> tuple[int, int]:
     at = 8
     while at + 4 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)
-        if length > len(data):  # the decoder would take that much memory before it looks
+        if length > len(data):  # the decoder would reserve that much memory before it checks
             raise ValueError("a chunk is longer than the file")
         at += 12 + length
     return struct.unpack_from(">II", data, 16)
@@ -123,8 +132,8 @@ def _little(data: memoryview) -> int:
 
 def _jpeg(data: memoryview) -> tuple[int, int]:
     at = 2
-    for _ in range(_JPEG_SEGMENTS):
-        gap = bytes(data[at : at + _JPEG_GAP]).find(0xFF)  # bytes between segments, which decoders pass over
+    for _ in range(MAX_JPEG_SEGMENTS):
+        gap = bytes(data[at : at + MAX_JPEG_GAP_BYTES]).find(0xFF)  # decoders skip bytes between segments
         if gap < 0:
             break
         at += gap + 1
@@ -154,7 +163,7 @@ def _tiff_pages(data: memoryview) -> Iterator[dict[int, int]]:
         start, width_of_count, entry_bytes, value_at = "I", "H", 12, 8
         first_at = 4
     (at,) = struct.unpack_from(order + start, data, first_at)
-    for _ in range(_MOST_PAGES):  # a damaged file may lead back to an earlier page
+    for _ in range(MAX_TIFF_PAGES):  # a damaged file may point back to an earlier page
         (count,) = struct.unpack_from(order + width_of_count, data, at)
         at += struct.calcsize(width_of_count)
         found: dict[int, int] = {}
@@ -181,9 +190,10 @@ def tiff_pages(data: bytes | memoryview) -> dict[int, tuple[int, int]]:
 
 
 def image_count(data: bytes | memoryview) -> int:
-    """Images that a file holds: pages of a TIFF file without thumbnails and masks, frames of a moving PNG or WebP.
+    """Returns the number of images in a file: pages of a TIFF file, or frames of an animated PNG or WebP file.
 
-    At least 1, also where the file is damaged; of a moving WebP file 2, whose header does not count them.
+    Thumbnails and masks are not counted. A damaged file counts as 1; an animated WebP file, whose header states no
+    number of frames, counts as 2.
 
     >>> import cv2, numpy as np
     >>> image_count(cv2.imencodemulti(".tif", [np.zeros((3, 5), np.uint8)] * 4)[1].tobytes())
@@ -195,11 +205,11 @@ def image_count(data: bytes | memoryview) -> int:
         if begin in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
             return max(1, len(tiff_pages(data)))
         if begin == b"\x89PNG":
-            at = bytes(data[:4096]).find(b"acTL")  # stands in front of the pixels
+            at = bytes(data[:4096]).find(b"acTL")  # this chunk is in front of the pixels
             return max(1, struct.unpack_from(">I", data, at + 4)[0]) if at > 0 else 1
         if bytes(data[8:16]) == b"WEBPVP8X":
             return 2 if data[20] & _WEBP_ANIMATED else 1
-    except (struct.error, IndexError, KeyError):  # cut off or damaged, which is said when it is decoded
+    except (struct.error, IndexError, KeyError):  # cut off or damaged, which the decoder reports
         pass
     return 1
 

@@ -1,14 +1,14 @@
-"""Image files: one reader for training and inference alike, and one writer.
+"""Reads and writes image files; training and inference use the same reader.
 
-Every image becomes (h, w) grey or (h, w, 3) RGB with 8 bits, turned as its EXIF data say, without its alpha channel.
+Every image becomes (h, w) grey or (h, w, 3) RGB with 8 bits, rotated as its EXIF data state, without its alpha channel.
 
-Of images with more than 8 bits the upper eight of those *in use* are kept. How many are in use is decided once for a
-whole stream (all images of one view in a folder, a recording or a set of shards), never image by image, or else the
-brightness would jump with the brightest pixel:
+Of images with more than 8 bits the upper eight of those *in use* are kept. The number in use is decided once for a
+whole stream (all images of one view in a folder, a recording or a set of shards), not for each image, because then the
+brightness would change with the brightest pixel:
 
-1. what the file states (a PNG's chunk ``sBIT``, a DICOM file's ``BitsStored``);
-2. else 12 bits where no image of the stream has a value above 4095, because cameras of 12 bits write their numbers as
-   they are into files of 16 bits; else 16 bits.
+1. the number that the file states (a PNG's chunk ``sBIT``, a DICOM file's ``BitsStored``);
+2. else 12 bits where no image of the stream has a value above 4095, because cameras of 12 bits write their numbers
+   unchanged into files of 16 bits; else 16 bits.
 """
 
 import io
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
-_MAX_OF_12_BITS = 4095
+MAX_12_BIT_VALUE = 4095
 """A stream of images without a greater value has 12 bits in use."""
 
 
 class StreamDepth:
-    """How many bits the images of one stream use; found at the first image with more than 8 bits, then kept.
+    """Number of bits that the images of one stream use; found at the first image with more than 8 bits, then kept.
 
     Args:
         contents: Gives the encoded images of the whole stream, one after the other.
@@ -46,12 +46,12 @@ class StreamDepth:
 
     @classmethod
     def of_files(cls, paths: Sequence[Path]) -> "StreamDepth":
-        """The images in ``paths``."""
+        """Returns the depth of the stream of the images in ``paths``."""
         return cls(_FileContents(tuple(paths)))
 
     @property
     def bits(self) -> int:
-        """12 where no image has a value above 4095, else 16. Images that cannot be read count for nothing here."""
+        """12 where no image has a value above 4095, else 16. Images that cannot be read are ignored here."""
         if self._bits is None:
             self._bits = bits_in_use(raw_image(data) for data in self._contents())
         return self._bits
@@ -60,7 +60,7 @@ class StreamDepth:
 def bits_in_use(images: Iterable[npt.NDArray[Any] | None]) -> int:
     """Returns 12 where no image of a stream has a value above 4095, else 16; only pixels of 16 bits count."""
     wide = (image for image in images if image is not None and image.dtype == np.uint16)
-    return 16 if any(int(image.max()) > _MAX_OF_12_BITS for image in wide) else 12
+    return 16 if any(int(image.max()) > MAX_12_BIT_VALUE for image in wide) else 12
 
 
 class _FileContents:
@@ -74,7 +74,7 @@ class _FileContents:
 
 
 def is_image(path: Path) -> bool:
-    """Whether the file's name says that it is one image."""
+    """Whether the name of the file is that of one image."""
     return path.suffix.lower() in IMAGE_SUFFIXES
 
 
@@ -83,7 +83,7 @@ def read_image(path: Path, depth: StreamDepth | None = None) -> Image:
 
     Args:
         path: A PNG, JPEG, TIFF, BMP or WebP file.
-        depth: Of the stream that the image belongs to; None for an image that stands alone.
+        depth: depth of the stream that the image belongs to; None for a single image.
 
     Returns:
         (h, w) grey or (h, w, 3) RGB, uint8; see the module's text for images with more than 8 bits.
@@ -106,7 +106,19 @@ def file_bytes(path: Path) -> bytes:
 
 
 def decode_image(data: bytes | memoryview, where: str, depth: StreamDepth | None = None) -> Image:
-    """Decodes an image as `read_image` does; ``where`` it comes from is named in errors."""
+    """Decodes an image as `read_image` does.
+
+    Args:
+        data: the encoded image.
+        where: its origin, for messages.
+        depth: depth of the stream that the image belongs to; None for a single image.
+
+    Returns:
+        (h, w) grey or (h, w, 3) RGB, uint8.
+
+    Raises:
+        FileFormatError: it is missing, damaged, too large, one of several in the file, or has pixels of another type.
+    """
     check_encoded(data, where)
     if image_count(data) > 1:
         raise FileFormatError(
@@ -124,8 +136,8 @@ def eight_bits(image: npt.NDArray[Any], where: str, bits: Callable[[], int]) -> 
 
     Args:
         image: of 8 or 16 bits.
-        where: it comes from, for errors.
-        bits: called for pixels of 16 bits: how many of these are in use.
+        where: origin of the image, for messages.
+        bits: called for pixels of 16 bits; returns the number of bits in use.
 
     Raises:
         FileFormatError: the pixels have another type.
@@ -138,7 +150,7 @@ def eight_bits(image: npt.NDArray[Any], where: str, bits: Callable[[], int]) -> 
 
 
 def raw_image(data: bytes | memoryview) -> npt.NDArray[Any] | None:
-    """(h, w) or (h, w, 3) BGR with the file's own type; None for what is no image, or one beyond the limit of size."""
+    """Returns (h, w) or (h, w, 3) BGR in the type of the file; None where it is no image, or one that is too large."""
     size = encoded_size(data)
     if size is None or size[0] * size[1] > max_pixels():
         return None
@@ -149,7 +161,7 @@ def raw_image(data: bytes | memoryview) -> npt.NDArray[Any] | None:
 
 
 def _stated_bits(data: bytes | memoryview) -> int | None:
-    """The bits in use that a PNG states in its chunk ``sBIT``, 9 to 16; None where it states none."""
+    """Returns the bits in use that a PNG states in its chunk ``sBIT``, 9 to 16; None where it states none."""
     head = bytes(data[:4096])
     end, at = head.find(b"IDAT"), head.find(b"sBIT")
     if not head.startswith(b"\x89PNG") or at < 0 or (0 <= end < at):
@@ -159,7 +171,16 @@ def _stated_bits(data: bytes | memoryview) -> int | None:
 
 
 def encode_image(image: Image, *, lossless: bool, jpeg_quality: int) -> tuple[str, bytes]:
-    """The format's name and the compressed bytes of (h, w) grey or (h, w, 3) RGB."""
+    """Compresses an image.
+
+    Args:
+        image: (h, w) grey or (h, w, 3) RGB.
+        lossless: whether to write PNG instead of JPEG.
+        jpeg_quality: quality of a JPEG, 0 to 100.
+
+    Returns:
+        Name of the format, and the compressed bytes.
+    """
     bgr = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     if lossless:
         _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
@@ -169,7 +190,7 @@ def encode_image(image: Image, *, lossless: bool, jpeg_quality: int) -> tuple[st
 
 
 def save_image(path: Path, drawing: "Image | Figure") -> None:
-    """Writes ``path`` (.png, .jpg) whole or not at all. Raises FileFormatError where its kind is none of these."""
+    """Writes ``path`` (.png, .jpg) completely or not at all. Raises FileFormatError for another kind of file."""
     check_image_target(path)
     suffix = path.suffix.lower()
     if isinstance(drawing, np.ndarray):
@@ -182,8 +203,8 @@ def save_image(path: Path, drawing: "Image | Figure") -> None:
 
 
 def check_image_target(path: Path, *, plot: bool = False) -> None:
-    """Raises FileFormatError where `save_image` (or a plot) could not write ``path``: ask before the work."""
+    """Raises FileFormatError where `save_image` (or a plot) cannot write ``path``: a check before the work."""
     if path.suffix.lower() not in ((".png", ".svg") if plot else (".png", ".jpg", ".jpeg")):
-        what = "plots are written as .png or .svg" if plot else "images are written as .png or .jpg"
-        raise FileFormatError(f"{path}: {what}; name it {path.with_suffix('.png').name}")
+        allowed = "plots are written as .png or .svg" if plot else "images are written as .png or .jpg"
+        raise FileFormatError(f"{path}: {allowed}; name it {path.with_suffix('.png').name}")
     check_folder(path)

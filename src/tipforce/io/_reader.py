@@ -1,4 +1,4 @@
-"""Reading a recording: streams, single frames and whole force series, without holding the file in memory."""
+"""Reads a recording: streams, single frames and whole force series, without holding the file in memory."""
 
 import struct
 import warnings
@@ -53,10 +53,17 @@ _EVENTS = ("frame", "wrench", "actuation")
 
 @dataclass(frozen=True, slots=True)
 class StreamInfo:
-    """One stream: its ROS topic, what it carries, and how regularly.
+    """One stream of a recording.
 
-    ``kind``: "frame", "wrench", "actuation", "estimate", or "other" (carried by the file, not read by this program).
-    ``dropped``: readings that a regular stream should have had in between; ``rate_hz`` counts them.
+    Attributes:
+        name: name of the stream.
+        topic: its ROS topic.
+        kind: "frame", "wrench", "actuation", "estimate", or "other" (in the file, but not read by this program).
+        count: number of messages.
+        rate_hz: rate, with the dropped readings, Hz.
+        first_ns: stamp of the first message.
+        last_ns: stamp of the last message.
+        dropped: number of readings that are missing in a regular stream.
     """
 
     name: str
@@ -71,7 +78,7 @@ class StreamInfo:
 
 @dataclass(frozen=True, slots=True)
 class RecordingInfo:
-    """What a recording holds. ``recovered``: empty, or one line on what a cut-off file lost."""
+    """Contents of a recording. ``recovered``: empty, or one line on the losses of a file that was cut off."""
 
     streams: Mapping[str, StreamInfo]
     clock_map: ClockMap
@@ -84,13 +91,20 @@ class RecordingInfo:
 
 
 def stream_info(name: str, topic: str, kind: str, times_ns: IntArray) -> StreamInfo:
-    """Rate and drops from the stamps (n,), sorted."""
+    """Determines rate and drops of a stream.
+
+    Args:
+        name: name of the stream.
+        topic: its ROS topic.
+        kind: see `StreamInfo`.
+        times_ns: (n,) sorted stamps.
+    """
     if len(times_ns) < 2:
         first = int(times_ns[0]) if len(times_ns) else 0
         return StreamInfo(name, topic, kind, len(times_ns), 0.0, first, first, 0)
     steps = np.diff(times_ns)
     usual = float(np.median(steps))
-    # knob readings come when the knob moves: only a regular stream can have lost any
+    # knob readings come when the knob moves: only a regular stream can have lost some
     regular = kind in ("frame", "wrench") and usual > 0
     dropped = int(np.sum(np.maximum(np.rint(steps / usual) - 1, 0))) if regular else 0
     span = int(times_ns[-1] - times_ns[0])
@@ -102,8 +116,8 @@ class RecordingReader:
     """A `Source` that reads one ``.mcap`` of ours; a context manager.
 
     Streams are named by their topics: ``/camera/compressed`` is "camera", ``/force`` "force", ``/joints`` "joints".
-    Where only the ``.part`` of ``path`` is there, or ``path`` is one, what is whole in it is recovered first, with a
-    warning; ``recovered`` then says what was lost. Raises FileFormatError.
+    Where only the ``.part`` of ``path`` is there, or ``path`` is one, its undamaged part is recovered first, with a
+    warning; ``recovered`` then states the losses. Raises FileFormatError.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -135,12 +149,12 @@ class RecordingReader:
 
     @property
     def session_info(self) -> SessionInfo:
-        """What is publicly known of the session."""
+        """The metadata of the session."""
         return self._session_info
 
     @cached_property
     def info(self) -> RecordingInfo:
-        """Streams, counts, rates, drops, offset, tare, sensor pose."""
+        """Streams, counts, rates, drops, clock map, tare, and pose of the sensor."""
         metadata = self._file.metadata
         streams = {
             name: stream_info(name, self._file.channels[channel].topic, kind, self._of(name).time_ns)
@@ -161,13 +175,13 @@ class RecordingReader:
         return fact_from(kind, self._file.metadata.get(name, {}), name, str(self.path))
 
     def _sensor(self) -> SensorInfo | None:
-        """The sensor as far as its pose is stated."""
+        """Returns the sensor if its pose is stated."""
         sensor = self._session_info.sensor
         return None if sensor.angle_deg is None and sensor.reads is None else sensor
 
     @property
     def views(self) -> tuple[str, ...]:
-        """Names of the streams of images: "camera" first, which stands for all where there is one, then by name."""
+        """Names of the streams of images: "camera", which is the default, first, then the others by name."""
         names = [stream.name for stream in self.info.streams.values() if stream.kind == "frame" and stream.count]
         return tuple(sorted(names, key=lambda name: (name != "camera", name)))
 
@@ -175,7 +189,7 @@ class RecordingReader:
         return self.events()
 
     def events(self, *streams: str) -> Iterator[Event]:
-        """Events of the named streams (all where none is named), in the order of their stamps."""
+        """Yields the events of the named streams (of all if none is named), in the order of their stamps."""
         chosen = {name: self._topics[self._known(name)] for name in streams} if streams else self._topics
         names = {channel: (name, kind) for name, (channel, kind) in chosen.items() if kind in _EVENTS}
         for time_ns, channel, raw in self._file.in_time_order(set(names)):
@@ -196,16 +210,16 @@ class RecordingReader:
                 yield Actuation(time_ns, values, name)
 
     def estimates(self, stream: str = ESTIMATE) -> Iterator[ForceEstimate]:
-        """What was estimated while the recording was made, in the order of the stamps; nothing where it was not."""
+        """Yields the estimates that were made during the recording, if any, in the order of their stamps."""
         channel, kind = self._topics.get(stream, (0, ""))
         if kind != "estimate":
             return
         for time_ns, _, raw in self._file.in_time_order({channel}):
             yield self._unpacked(unpack_estimate, raw, time_ns)
 
-    def _implausible(self, what: str, time_ns: int, value: float, limits: Range) -> FileFormatError:
+    def _implausible(self, quantity: str, time_ns: int, value: float, limits: Range) -> FileFormatError:
         return FileFormatError(
-            f"{self.path}: {what} at {time_ns * 1e-9:.3f} s is {value:g}, expected {limits}; record it again"
+            f"{self.path}: {quantity} at {time_ns * 1e-9:.3f} s is {value:g}, expected {limits}; record it again"
         )
 
     def _unpacked(self, unpack: Callable[[bytes | memoryview], _T], raw: bytes | memoryview, time_ns: int) -> _T:
@@ -213,11 +227,11 @@ class RecordingReader:
             return unpack(raw)
         except (struct.error, ValueError, OverflowError, MemoryError, FileFormatError) as error:
             raise FileFormatError(
-                f"{self.path}: the message at {time_ns * 1e-9:.3f} s is not what its channel says ({error})"
+                f"{self.path}: the message at {time_ns * 1e-9:.3f} s is not of the type of its channel ({error})"
             ) from None
 
     def frame_at(self, index: int, stream: str = "camera") -> Frame:
-        """The ``index``-th image of ``stream``, decoded from its place in the file."""
+        """Returns the image number ``index`` of ``stream``; only its chunk is read."""
         entries = self._of(stream)
         data = self._image_at(stream, *(int(each[index]) for each in (entries.chunk, entries.time_ns, entries.offset)))
         image = decode_image(data, f"{self.path}, frame {index}", self._depth(stream))
@@ -228,23 +242,23 @@ class RecordingReader:
         return self._unpacked(unpack_image, raw, time_ns)[2]
 
     def _depth(self, stream: str) -> StreamDepth:
-        """For recordings of others, which may hold images with more than 8 bits."""
+        """Returns the bit depth of a stream: recordings of others may hold images with more than 8 bits."""
         if stream not in self._depths:
             self._depths[stream] = StreamDepth(partial(self.compressed, stream))
         return self._depths[stream]
 
     def compressed(self, stream: str = "camera") -> Iterator[memoryview]:
-        """The images of ``stream`` as they are compressed, in the order of their stamps."""
+        """Yields the compressed images of ``stream``, in the order of their stamps."""
         entries = self._of(stream)
         for place in zip(entries.chunk.tolist(), entries.time_ns.tolist(), entries.offset.tolist(), strict=True):
             yield self._image_at(stream, *place)
 
     def stamps(self, stream: str = "camera") -> IntArray:
-        """(n,) stamps of a stream, sorted."""
+        """Returns the (n,) sorted stamps of a stream."""
         return self._of(stream).time_ns
 
     def wrench_blocks(self, stream: str = "force") -> Iterator[tuple[IntArray, FloatArray, str]]:
-        """Stamps (m,), force and torque (m, 6) and frame of reference, chunk by chunk.
+        """Yields stamps (m,), force and torque (m, 6) and frame of reference, chunk by chunk.
 
         Raises FileFormatError for a force that no sensor reads.
         """
@@ -254,7 +268,7 @@ class RecordingReader:
             if not len(times):
                 continue
             data = np.frombuffer(self._file.chunk_data(number), np.uint8)
-            # one writer gives all its messages the same frame and so the same length; others are taken apart by length
+            # one writer gives all its messages the same frame and so the same length; others are grouped by length
             lengths = self._file.message_lengths(number, channel, times, offsets)
             for length in np.unique(lengths).tolist():
                 same = lengths == length
@@ -270,7 +284,7 @@ class RecordingReader:
                 yield times[same], values, frame
 
     def wrenches(self, stream: str = "force") -> tuple[IntArray, FloatArray, FloatArray]:
-        """Raw stamps (n,), force (n, 3), torque (n, 3): as the sensor gave them, on its own clock."""
+        """Returns raw stamps (n,), force (n, 3) and torque (n, 3) as the sensor gave them, on its own clock."""
         blocks = list(self.wrench_blocks(stream))
         if not blocks:
             return np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3))
@@ -292,11 +306,19 @@ class RecordingReader:
         return series
 
     def actuation_at(self, stamps_ns: IntArray, *, wait_s: float = WAIT_S) -> dict[str, FloatArray]:
-        """Name -> (n,) values at ``stamps_ns``; NaN before the first reading. The rule of `observations`."""
+        """Interpolates the readings of the drives as `observations` does.
+
+        Args:
+            stamps_ns: (n,) stamps.
+            wait_s: longest time from a stamp to the next reading, s.
+
+        Returns:
+            Name -> (n,) values; NaN before the first reading.
+        """
         return self._actuation.at(stamps_ns, wait_s=wait_s)
 
     def stage_readings(self) -> list[tuple[int, Mapping[str, float]]]:
-        """Stamp and commanded positions by name, reading by reading; empty where the recording does not say."""
+        """Returns stamp and commanded positions by name of each reading; none if the recording has no such stream."""
         events = self.events(STAGE) if STAGE in self._topics else ()
         return [(event.stamp_ns, event.values) for event in events if isinstance(event, Actuation)]
 
@@ -312,7 +334,7 @@ class RecordingReader:
         return self._entries[stream]
 
     def close(self) -> None:
-        """Close the file."""
+        """Closes the file."""
         self._file.close()
 
     def __enter__(self) -> Self:
@@ -328,7 +350,7 @@ def open_recording(path: Path | str) -> RecordingReader:
     """Opens a recording (.mcap) to read its streams.
 
     Args:
-        path: our own, or any with the same ROS 2 messages; what a crash left as ``.part`` is recovered first.
+        path: a recording of ours, or any with the same ROS 2 messages; the ``.part`` of a crash is recovered first.
 
     Returns:
         A context manager and `Source`: iterate over its events, or ask it for ``session_info``, ``info``, ``stamps``,

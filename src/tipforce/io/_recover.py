@@ -1,4 +1,4 @@
-"""The ``.part`` of a recording: locked while it is written; once cut off, what is whole in it becomes a valid file."""
+"""The ``.part`` of a recording: locked while it is written; the undamaged part of one that was cut off is recovered."""
 
 import importlib
 import os
@@ -25,16 +25,17 @@ from ._container import frame_is_whole, recovered_name, whole_summary
 from ._facts import Fact, record_name
 
 _HEAD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
+_CHUNK_HEAD = struct.Struct("<QQQII")
+"""Start, end, uncompressed size, crc, length of the name of the compression."""
 
 
 def finished_of(part: Path) -> Path:
-    """What a ``.part`` will be called."""
+    """Returns the final name of a ``.part``."""
     return part.with_name(part.name.removesuffix(".part"))
 
 
 def lock(stream: IO[bytes], path: Path) -> None:
-    """Hold ``path`` for this process until it ends, so that nobody recovers what is still being written.
+    """Holds ``path`` for this process until it ends, so that no other process recovers an unfinished recording.
 
     Raises FileFormatError where another process holds it.
     """
@@ -50,31 +51,31 @@ def lock(stream: IO[bytes], path: Path) -> None:
 
 
 def origin_of(part: Path) -> str:
-    """Who wrote a ``.part``: "record", "import", or empty where even its start is unreadable."""
+    """Returns the writer of a ``.part``: "record" or "import"; empty where even its start is unreadable."""
     with part.open("rb") as stream:
         try:
             for record in StreamReader(stream, emit_chunks=True).records:
                 if isinstance(record, Metadata) and record.name == "tipforce.session":
                     return record.metadata.get("origin", "")
-        except (McapError, ValueError, OSError, struct.error):  # cut within a record
+        except (McapError, ValueError, OSError, struct.error):  # cut off within a record
             return ""
     return ""
 
 
 def check_target(path: Path, *, overwrite: bool, origin: str) -> None:
-    """Checks before any work that ``path`` can be written and that nothing would be destroyed by it.
+    """Checks before any work that ``path`` can be written and that nothing is lost by it.
 
-    The ``.part`` of an import may be replaced by another import: its sources are still there. That of a recording
+    An import may replace the ``.part`` of another import, because its sources still exist. The ``.part`` of a recording
     holds the only copy of a run.
 
     Args:
-        path: the recording to be.
+        path: the new recording.
         overwrite: whether a recording of this name may be replaced.
-        origin: who writes it: "record", "live", "import" or "recover".
+        origin: its writer: "record", "live", "import" or "recover".
 
     Raises:
-        OutputError: nothing can be written there, or somebody is writing it.
-        FileFormatError: it exists already, or what a crash left of it.
+        OutputError: nothing can be written there, or another process is writing it.
+        FileFormatError: it exists already, or the rest of one that a crash cut off.
     """
     check_folder(path)
     if holder := lock_holder(path):
@@ -84,14 +85,14 @@ def check_target(path: Path, *, overwrite: bool, origin: str) -> None:
     part = part_of(path)
     if part.exists() and not overwrite and not (origin == "import" == origin_of(part)) and part.stat().st_size:
         raise FileFormatError(
-            f"{part}: holds a recording that was cut off; write what is in it to a new recording with "
+            f"{part}: holds a recording that was cut off; write its undamaged part to a new recording with "
             f"`tipforce import {part} -o {recovered_name(part)}`, or remove it"
         )
 
 
 @dataclass
 class _Findings:
-    """What a walk through a damaged file came across."""
+    """Findings of reading a damaged file."""
 
     lost_bytes: int = 0
     lost_s: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
@@ -101,38 +102,38 @@ class _Findings:
     last_s: float | None = None
 
     def lose(self, first_ns: int, last_ns: int) -> None:
-        """Note a chunk that cannot be read."""
+        """Notes a chunk that cannot be read."""
         self.lost_s.append((first_ns * 1e-9, last_ns * 1e-9))
 
     def said(self, name: str) -> str:
-        """One line on what was lost."""
+        """Returns one line on the losses."""
         if self.finished and not (self.lost_s or self.uncertain_metadata):
             return f"{name} was whole: {self.messages} messages recovered"
         said = f"{name} was {'damaged' if self.finished else 'cut off'}: {self.messages} messages recovered"
         said += f", {self.lost_bytes} bytes of an unfinished record lost" if self.lost_bytes else ""
         if self.last_s is not None:
-            said += f"; the last message is of {self.last_s:.3f} s, what came later is lost in all streams"
+            said += f"; the last message is of {self.last_s:.3f} s, later ones are lost in all streams"
         if self.lost_s:
             shown = ", ".join(f"{first:.3f} to {last:.3f} s" for first, last in self.lost_s[:4])
             more = f" and {len(self.lost_s) - 4} more" if len(self.lost_s) > 4 else ""
             said += f", {len(self.lost_s)} damaged chunks lost ({shown}{more})"
         if self.uncertain_metadata:
-            said += "; its metadata (session, tare, clock map) may be damaged, too: compare what `inspect` shows"
+            said += "; its metadata (session, tare, clock map) may be damaged, too: compare them with `inspect`"
         return said
 
 
 def resolve(path: Path) -> tuple[Path, str]:
-    """The finished file to read for ``path``, and what had to be recovered for it (empty: nothing).
+    """Returns the finished file to read for ``path``, and one line on its recovery (empty if there was none).
 
-    Raises FileFormatError where there is neither the file nor its ``.part``, or where the ``.part`` is an import that
-    can be run again.
+    Raises FileFormatError where neither the file nor its ``.part`` exists, or where the ``.part`` is of an import,
+    which can be run again.
     """
     if path.name.endswith(".part"):
         target = finished_of(path)
         if target.exists():
             raise FileFormatError(
-                f"{path}: cannot take the name {target.name}, which exists too; remove "
-                f"it, or write what is in it to another one with `tipforce import {path} -o {recovered_name(path)}`"
+                f"{path}: cannot take the name {target.name}, which exists too; remove it, or write the undamaged "
+                f"part of this one to another with `tipforce import {path} -o {recovered_name(path)}`"
             )
         return target, recover(path, target)
     part = part_of(path)
@@ -140,26 +141,26 @@ def resolve(path: Path) -> tuple[Path, str]:
         return path, ""
     if origin_of(part) == "import":
         raise FileFormatError(
-            f"{path}: its import was cut off; run the import again, or write what is in it to a new "
+            f"{path}: its import was cut off; run the import again, or write the undamaged part of it to a new "
             f"recording with `tipforce import {part} -o {recovered_name(part)}`"
         )
     return path, recover(part, path)
 
 
 def recover_recording(damaged: Path, target: Path, *, overwrite: bool = False, facts: Sequence[Fact] = ()) -> str:
-    """Write what is whole in a recording that is cut off or damaged to ``target``; ``damaged`` stays as it is.
+    """Writes the undamaged part of a recording to ``target``; ``damaged`` stays unchanged.
 
     Args:
-        damaged: a recording (.mcap), or what a crash left of one (.mcap.part).
+        damaged: a recording (.mcap), or the rest of one after a crash (.mcap.part).
         target: the new recording.
-        overwrite: replace one that is there already.
-        facts: stated in the new recording in place of its own: clock map, tare, ...
+        overwrite: whether to replace a recording that exists.
+        facts: replace those of the recording: clock map, tare, ...
 
     Returns:
-        One line on what was lost, which the new recording carries, too.
+        One line on the losses; the new recording contains it, too.
 
     Raises:
-        FileFormatError: it is no recording, nothing in it is whole, or somebody still writes it.
+        FileFormatError: it is no recording, none of it is undamaged, or another process is writing it.
     """
     if not damaged.is_file():
         raise FileFormatError(f"{damaged}: there is no such file")
@@ -169,10 +170,22 @@ def recover_recording(damaged: Path, target: Path, *, overwrite: bool = False, f
 
 
 def recover(part: Path, target: Path, *, keep: bool = False, facts: Sequence[Fact] = ()) -> str:
-    """Write what is whole in ``part`` to ``target``, then remove ``part`` unless it is to be kept; says what was lost.
+    """Writes the undamaged part of ``part`` to ``target``.
 
-    Records are read one after the other up to the cut; of a chunk that is cut itself the messages before the cut are
-    kept (our chunks are not compressed). Raises FileFormatError where nothing is left or somebody still writes.
+    Records are read one after the other up to the cut. Of a chunk that is cut itself, the messages before the cut are
+    kept (our chunks are not compressed).
+
+    Args:
+        part: the damaged recording.
+        target: the new recording.
+        keep: whether ``part`` is kept; otherwise it is removed.
+        facts: replace those of the recording.
+
+    Returns:
+        One line on the losses.
+
+    Raises:
+        FileFormatError: nothing is left, or another process is writing it.
     """
     made = target.with_name(target.name + ".recovering")
     found = _Findings()
@@ -218,17 +231,17 @@ def recover(part: Path, target: Path, *, keep: bool = False, facts: Sequence[Fac
 
 
 def whole_records(stream: IO[bytes]) -> Iterator[object]:
-    """Whole records of a recording, in the order in which they were written, also while it is being written."""
+    """Yields the undamaged records of a recording in the order in which they were written, also while it is written."""
     return _records(stream, _Findings())
 
 
 def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
-    """Whole records, those inside of chunks too, up to the end of the file or of what is whole in it."""
+    """Yields the undamaged records, also those in chunks, up to the end of the file or of its undamaged part."""
     size = stream.seek(0, 2)
     summary = _index_of(stream, found)
     chunks = {} if summary is None else {chunk.chunk_start_offset: chunk for chunk in summary.chunk_indexes}
     starts = sorted(chunks)
-    if summary is not None:  # held to its checksum, which the same records between the chunks are not
+    if summary is not None:  # compared with its checksum, unlike the same records between the chunks
         yield from (*summary.schemas.values(), *summary.channels.values())
     stream.seek(0)
     if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -243,16 +256,14 @@ def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
         chunk, following = chunks.get(start), bisect_right(starts, start)
         if chunk and (opcode != Opcode.CHUNK or length != chunk.chunk_length - _HEAD.size):
             found.lose(chunk.message_start_time, chunk.message_end_time)
-            # forward, and not beyond the next chunk, whatever length the index states
+            # forward, but not beyond the next chunk, for any length that the index states
             end = starts[following] if following < len(starts) else size
             stream.seek(min(start + max(chunk.chunk_length, _HEAD.size), end))
             continue
         if following < len(starts) and stream.tell() + length > starts[following]:
-            stream.seek(
-                starts[following]
-            )  # the head of this record is hurt; the index tells where the next chunk begins
+            stream.seek(starts[following])  # the head of this record is damaged; the index has the next chunk
             continue
-        if opcode in (Opcode.DATA_END, Opcode.FOOTER):  # what follows is the index, which is made anew
+        if opcode in (Opcode.DATA_END, Opcode.FOOTER):  # the index follows, which is written anew
             return
         whole = stream.tell() + length <= size
         if opcode == Opcode.CHUNK:
@@ -267,7 +278,7 @@ def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
 
 
 def _index_of(stream: IO[bytes], found: _Findings) -> Summary | None:
-    """The index at the end of the file; None where it is not whole, as in a file that was cut off."""
+    """Returns the index at the end of the file; None where it is incomplete, as in a file that was cut off."""
     index = whole_summary(stream)
     if index is None:
         return None
@@ -280,14 +291,20 @@ def _index_of(stream: IO[bytes], found: _Findings) -> Summary | None:
 
 
 def _chunk(raw: bytes, found: _Findings, whole: bool) -> Iterator[object]:
-    """The records of one chunk; of a chunk that is cut, those before the cut; of a damaged one no message."""
+    """Yields the records of a chunk: before the cut if it is cut off; only schemas and channels if it is damaged.
+
+    Args:
+        raw: the content of the chunk.
+        found: the findings, which are updated.
+        whole: whether the chunk is complete.
+    """
     if whole:
         try:
             records = breakup_chunk(Chunk.read(ReadDataStream(BytesIO(raw))), validate_crc=True)
-        except Exception:  # a decompressor or parser that met damage; each raises its own kind
+        except Exception:  # a decompressor or parser met damage; each raises its own kind of error
             first, last = struct.unpack_from("<QQ", raw) if len(raw) >= _CHUNK_HEAD.size else (0, 0)
             found.lose(first, last)
-            # which message is hurt cannot be determined, but what the later ones need may stand here alone
+            # the damaged message is unknown, but schemas and channels that later messages need may be only here
             yield from (record for record in _inside(raw) if isinstance(record, Schema | Channel))
             return
         yield from records
@@ -296,12 +313,12 @@ def _chunk(raw: bytes, found: _Findings, whole: bool) -> Iterator[object]:
 
 
 def _inside(raw: bytes) -> Iterator[object]:
-    """Whole records of an uncompressed chunk, one after the other, as far as their lengths make sense."""
+    """Yields the complete records of an uncompressed chunk in order, as long as their lengths are possible."""
     if len(raw) < _CHUNK_HEAD.size:
         return
     name_length = _CHUNK_HEAD.unpack_from(raw)[-1]
     at = _CHUNK_HEAD.size + name_length + 8
-    if name_length:  # compressed: nothing of it can be told without its end
+    if name_length:  # compressed: it cannot be read without its end
         return
     while at + _HEAD.size <= len(raw):
         opcode, length = _HEAD.unpack_from(raw, at)
@@ -318,5 +335,5 @@ def _parse(opcode: int, raw: bytes) -> object:
     kind = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
     try:
         return Message.read(stream, len(raw)) if opcode == Opcode.MESSAGE else kind[Opcode(opcode)].read(stream)
-    except (McapError, ValueError, struct.error):  # its length or its text is hurt
+    except (McapError, ValueError, struct.error):  # its length or its text is damaged
         return None

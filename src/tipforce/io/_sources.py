@@ -1,4 +1,4 @@
-"""One door for everything that yields events from files."""
+"""Opens every kind of file that holds events: video, DICOM, images, ROS bag, recording."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
@@ -33,7 +33,10 @@ from .video import VideoFile
 
 
 class FileSource:
-    """A video, a DICOM file, images or a folder of them as a `Source`: may be iterated again, and reads when asked."""
+    """A video, a DICOM file, images or a folder of them as a `Source`.
+
+    It may be iterated any number of times, and is read while it is iterated.
+    """
 
     def __init__(self, path: Path, actuation: Mapping[str, float], stated: SessionInfo) -> None:
         self.path = path
@@ -47,7 +50,7 @@ class FileSource:
 
     @property
     def frame_count(self) -> int:
-        """Images, as far as the file says; 0 where it does not."""
+        """Number of images that the file states; 0 where it states none."""
         return self._file.frame_count
 
     @property
@@ -61,15 +64,15 @@ class FileSource:
 
     @property
     def numbered(self) -> bool:
-        """Whether the stamps only count the images, because nobody stated when they were taken."""
+        """Whether the stamps only count the images, because no file states their times."""
         return isinstance(self._file, ImageStack) or (isinstance(self._file, ImageFolder) and self._file.numbered)
 
     def lacks(self, names: Iterable[str]) -> list[str]:
-        """Those of the actuation's ``names`` that never come."""
+        """Returns those of the actuation's ``names`` that have no reading."""
         return [name for name in names if name not in self._actuation and name not in self._columns]
 
     def readings(self, name: str) -> FloatArray:
-        """(n,) all readings of the drive ``name``."""
+        """Returns the (n,) readings of the drive ``name``."""
         stated = self._columns[name] if name in self._columns else self._actuation.get(name, ())
         values = np.asarray(stated, np.float64).ravel()
         return values[np.isfinite(values)]
@@ -89,11 +92,11 @@ class FileSource:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Nothing stays open between two iterations."""
+        """Does nothing: no file stays open between two iterations."""
 
 
 def _opened(path: Path) -> ImageFolder | ImageStack | DicomFile | VideoFile:
-    """Opens what ``path`` is: a folder or file of images, DICOM, or else a video."""
+    """Opens a folder or file of images, a DICOM file, or else a video."""
     if path.is_dir():
         return read_folder(path)
     if is_image(path) and path.is_file():
@@ -113,11 +116,20 @@ def _opened(path: Path) -> ImageFolder | ImageStack | DicomFile | VideoFile:
 def open_source(
     path: Path | str, *, actuation: Mapping[str, float] | None = None, stated: SessionInfo | None = None
 ) -> Source:
-    """A video, DICOM file, image, folder of images, ROS bag or recording as a `Source`; a context manager.
+    """Opens a video, DICOM file, image, folder of images, ROS bag or recording.
 
-    ``stated``: metadata in place of those that the file holds; constant readings of drives among them are used where
-    the file carries none. ``actuation``: constant readings, too.
-    Raises InputError where ``actuation`` has a name that the file carries itself.
+    Args:
+        path: the file or folder.
+        actuation: constant readings of drives.
+        stated: metadata that replace those of the file; its constant readings of drives are used where the file has
+            none.
+
+    Returns:
+        A `Source` and context manager.
+
+    Raises:
+        FileFormatError: there is no such file or folder, or it cannot be read.
+        InputError: ``actuation`` has a name that the file has itself.
     """
     where = Path(path)
     if where.suffix in (".mcap", ".part") and not is_bag(where):
@@ -141,7 +153,7 @@ def open_source(
 
 
 def frame_count(source: Source, view: str = "camera") -> int:
-    """How many frames of ``view`` will come, as far as the file says; 0 where it does not."""
+    """Returns the number of frames of ``view`` that the file states; 0 where it states none."""
     if isinstance(source, RecordingReader):
         stream = source.info.streams.get(view)
         return stream.count if stream else 0
@@ -170,54 +182,58 @@ def can_be_read_again(source: Source) -> bool:
     return isinstance(getattr(source, "path", None), Path)
 
 
-_UNKNOWN_STEP = 5
-"""Every so many-th image is taken of a file that does not say how many it holds."""
-_CALIBRATION_IMAGES = 16
-"""So many images of a session, or fewer, resolve its detection."""
+UNKNOWN_LENGTH_STEP = 5
+"""Step between the images that are taken of a file that does not state its length."""
+MAX_CALIBRATION_IMAGES = 16
+"""Number of images of a session, or fewer, that resolve its detection."""
 
 
 def spread_rows(count: int) -> IntArray:
-    """Returns which of ``count`` images of a session resolve its detection: all of them, or some from all over it.
+    """Returns the indices of the images of a session that resolve its detection, spread over all ``count``.
 
-    What lies beneath the catheter's tip must change between them, or it is taken for a part of it.
+    The ground beneath the tip must change between them, or it is taken for a part of the catheter.
     """
-    return np.unique(np.linspace(0, count - 1, min(_CALIBRATION_IMAGES, count)).astype(np.int64))
+    return np.unique(np.linspace(0, count - 1, min(MAX_CALIBRATION_IMAGES, count)).astype(np.int64))
 
 
 def spread_images(source: Source, view: str = "camera") -> list[Image]:
-    """Returns the images of a file at `spread_rows`, or of its first seconds where it does not say its length."""
+    """Returns the images of a file at `spread_rows`, or of its first seconds where it does not state its length."""
     reader = source.reader if isinstance(source, _Stated) else source
     if isinstance(reader, RecordingReader):
         rows = spread_rows(frame_count(reader, view)).tolist()
         return [reader.frame_at(row, view).image for row in rows]
     total = frame_count(source, view)
-    rows = set(spread_rows(total).tolist() if total else range(0, _UNKNOWN_STEP * _CALIBRATION_IMAGES, _UNKNOWN_STEP))
+    rows = set(
+        spread_rows(total).tolist()
+        if total
+        else range(0, UNKNOWN_LENGTH_STEP * MAX_CALIBRATION_IMAGES, UNKNOWN_LENGTH_STEP)
+    )
     frames = (event.image for event in source if isinstance(event, Frame) and event.view == view)
     return [image for row, image in enumerate(islice(frames, max(rows) + 1)) if row in rows]
 
 
 def images_beforehand(source: Source, view: str = "camera") -> list[Image]:
-    """Returns the images of a file that resolve its detection: `spread_images`.
+    """Returns the images of a file that resolve its detection: those of `spread_images`.
 
-    None where the clamp is advanced, for then they show the catheter from different places.
+    There are none where the clamp is advanced, because the images then show the catheter at different positions.
     """
     return [] if any_reading(source, ADVANCE) else spread_images(source, view)
 
 
-_STEADY = 0.1
-"""A reading that changes by no more than this share of itself stands still, but for its noise."""
+MAX_STEADY_VARIATION = 0.1
+"""A reading that varies by at most this share of its mean is constant but for noise."""
 
 
 def steady_reading(source: Source, name: str) -> float | None:
-    """Mean reading of the drive ``name`` where it stands still all over a file; None where it moves or is not known."""
+    """Returns the mean reading of the drive ``name`` if it is constant in a file; None if it moves or is unknown."""
     values = _read_of(source, name)
-    if not len(values) or float(np.ptp(values)) > _STEADY * abs(float(values.mean())):
+    if not len(values) or float(np.ptp(values)) > MAX_STEADY_VARIATION * abs(float(values.mean())):
         return None
     return float(values.mean())
 
 
 def any_reading(source: Source, name: str) -> bool:
-    """Whether the drive ``name`` of a file is ever read to be elsewhere than at 0."""
+    """Whether the drive ``name`` of a file has a reading other than 0."""
     return bool(_read_of(source, name).any())
 
 
@@ -228,9 +244,9 @@ def _read_of(source: Source, name: str) -> FloatArray:
 
 
 def require_actuation(source: Source, names: Iterable[str]) -> None:
-    """Raises InputError where ``source`` can tell that one of ``names`` never comes: ask before the work.
+    """Raises InputError where a file has no reading of one of ``names``: a check before the work.
 
-    A live source cannot tell.
+    A live source is not checked.
     """
     if isinstance(source, RecordingReader):
         path, lacking = source.path, _never_read(source, names)
@@ -247,13 +263,13 @@ def require_actuation(source: Source, names: Iterable[str]) -> None:
 
 
 def _drive_readings(reader: RecordingReader) -> Iterator[Actuation]:
-    """All readings of the catheter's drives in a recording."""
+    """Returns all readings of the catheter's drives in a recording."""
     streams = [name for name, stream in reader.info.streams.items() if stream.kind == "actuation" and name != STAGE]
     return (event for event in (reader.events(*streams) if streams else ()) if isinstance(event, Actuation))
 
 
 def _never_read(reader: RecordingReader, names: Iterable[str]) -> list[str]:
-    """Those of ``names`` without a reading; what is there is mostly there in the first ones, so few are looked at."""
+    """Returns those of ``names`` without a reading; it stops at the first reading of the last one."""
     missing = list(names)
     for event in _drive_readings(reader):
         if not missing:
@@ -263,7 +279,7 @@ def _never_read(reader: RecordingReader, names: Iterable[str]) -> list[str]:
 
 
 def _readings(reader: RecordingReader, name: str) -> FloatArray:
-    """(n,) all readings of the drive ``name`` in a recording."""
+    """Returns the (n,) readings of the drive ``name`` in a recording."""
     return np.array([event.values[name] for event in _drive_readings(reader) if name in event.values])
 
 
@@ -275,11 +291,11 @@ class _Stated:
         self.path, self.session_info = reader.path, reader.session_info.updated(stated)
 
     def lacks(self, names: Iterable[str]) -> list[str]:
-        """Those of the actuation's ``names`` that never come."""
+        """Returns those of the actuation's ``names`` that have no reading."""
         return _never_read(self.reader, [name for name in names if name not in self._actuation])
 
     def readings(self, name: str) -> FloatArray:
-        """(n,) all readings of the drive ``name``."""
+        """Returns the (n,) readings of the drive ``name``."""
         stated = self._actuation.get(name)
         return _readings(self.reader, name) if stated is None else np.array([stated])
 

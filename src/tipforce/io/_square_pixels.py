@@ -1,4 +1,4 @@
-"""Images whose pixels are not square, as a file states: they are stretched until they are."""
+"""Stretches images whose pixels are not square, as a file states, until they are."""
 
 from fractions import Fraction
 
@@ -10,7 +10,7 @@ from ..types import Image
 from ._image_size import check_pixels
 
 _MAX_ASPECT = 4
-"""Pixels that are more elongated than this are taken for a fault in the file."""
+"""Pixels that are more elongated than this are taken as a fault in the file."""
 
 
 def square_pixels(image: Image, aspect: Fraction, where: str) -> Image:

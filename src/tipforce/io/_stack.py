@@ -1,4 +1,4 @@
-"""A TIFF file of several pages as a row of images."""
+"""Reads a TIFF file of several pages as images."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ from .tables import STILL_STEP_NS
 
 
 class ImageStack:
-    """All pages of a TIFF file, in their order; thumbnails and masks are left out. Nobody states when they were taken.
+    """All pages of a TIFF file in their order, without thumbnails and masks. Their times are not stated.
 
     Raises FileFormatError where the file is damaged or too large, or its pages differ in size.
     """
@@ -37,17 +37,17 @@ class ImageStack:
 
     @property
     def frame_count(self) -> int:
-        """Pages."""
+        """Number of pages."""
         return len(self._numbers)
 
     @property
     def file_names(self) -> tuple[str, ...]:
-        """The file with the number of the page, for each."""
+        """Name of the file with the number of the page, for each page."""
         return tuple(f"{self.path.name} page {number + 1}" for number in self._numbers)
 
     @property
     def stamp_ns(self) -> tuple[int, ...]:
-        """Of each page: one second apart."""
+        """Stamp of each page: they are one second apart."""
         return tuple(range(0, self.frame_count * STILL_STEP_NS, STILL_STEP_NS))
 
     def frames(self, view: str = "camera") -> Iterator[Frame]:
@@ -61,7 +61,7 @@ class ImageStack:
         return self._bits
 
     def _pages(self) -> Iterator[npt.NDArray[Any]]:
-        """Yields what is decoded of each page."""
+        """Yields the decoded pages."""
         data = np.frombuffer(file_bytes(self.path), np.uint8)
         for number in self._numbers:
             whole, pages = cv2.imdecodemulti(

@@ -1,4 +1,4 @@
-"""Writing a recording so that a kill -9 costs at most its last second."""
+"""Writes a recording so that a kill -9 costs at most its last second."""
 
 import contextlib
 import os
@@ -48,29 +48,39 @@ from ._recover import check_target, lock, whole_records
 from .tables import MAX_STAMP_S
 
 LIBRARY = "tipforce"
-_FLUSH_NS = 250_000_000
-"""Age at which what is pending goes to the operating system; half a second is promised, a second allowed."""
-_CHUNK_NS = 500_000_000
-"""Longest stretch of recorded time in one chunk: what reading one moment costs."""
-_CHUNK_BYTES = 4 << 20
+FLUSH_AGE_NS = 250_000_000
+"""Age at which pending messages are handed to the operating system; the target is 0.5 s, the limit 1 s."""
+MAX_CHUNK_NS = 500_000_000
+"""Longest recorded time in one chunk; reading a single frame costs one chunk."""
+MAX_CHUNK_BYTES = 4 << 20
 _COMPRESSED = "/compressed"
-"""How the topic of a stream of images ends."""
+"""Suffix of the topic of a stream of images."""
 
 
 class RecordingWriter:
     """Writes ``path + ".part"``, renamed to ``path`` when closed without an error; a context manager.
 
-    ROS 2 profile, uncompressed chunks (images are compressed already, and the rest then reads as arrays), each at
-    most half a second long and handed to the operating system when it is a quarter of a second old, also while nothing
-    arrives. After an error inside the ``with`` block the ``.part`` stays: the next reader recovers it.
+    The file has the ROS 2 profile and uncompressed chunks (images are compressed already, and other messages are then
+    read as arrays). Each chunk is at most half a second long and is handed to the operating system when it is a quarter
+    of a second old, also while no event arrives. After an error inside the ``with`` block the ``.part`` stays: the next
+    reader recovers it.
 
-    ``clock`` tells the age of what is pending. On a simulated one, chunks end where events are written and nowhere
-    else, so that the same events give the same bytes. Raises FileFormatError where ``path`` exists and ``overwrite`` is
-    False, or where the ``.part`` of an earlier run waits to be recovered; OutputError where nothing can be written
-    there, or another process writes it.
+    Args:
+        path: the recording.
+        info: metadata of the session.
+        lossless: whether images are written as PNG instead of JPEG.
+        jpeg_quality: quality of a JPEG, 0 to 100.
+        clock: gives the age of pending messages. With a simulated clock, chunks end only where events are written, so
+            that the same events give the same bytes.
+        overwrite: whether ``path`` may be replaced.
+        origin: the writer: "record", "live" or "import".
 
-    Where the file can no longer be written, or is removed, every method that writes raises OutputError, whose message
-    says how much is kept and where. A ``.part`` in which nothing would be kept is removed.
+    Raises:
+        FileFormatError: ``path`` exists and ``overwrite`` is False, or the ``.part`` of an earlier run is not yet
+            recovered.
+        OutputError: nothing can be written there, or another process is writing it. Every method that writes raises it
+            where the file can no longer be written, or is removed; its message states how much is kept and where. A
+            ``.part`` in which nothing would be kept is removed.
     """
 
     def __init__(
@@ -96,7 +106,7 @@ class RecordingWriter:
             self._stream.seek(0)
             self._held = held.pop_all()
         self._mcap = Writer(
-            self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE, enable_data_crcs=True
+            self._stream, chunk_size=MAX_CHUNK_BYTES, compression=CompressionType.NONE, enable_data_crcs=True
         )
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -104,13 +114,13 @@ class RecordingWriter:
         self._pending_since: int | None = None
         self._span: tuple[int, int] | None = None
         self._kept: tuple[int, int] | None = None
-        """First and last stamp of what is in the file."""
+        """First and last stamp in the file."""
         self._closed = False
         self._failed: OutputError | None = None
         self._whole = 0
-        """Bytes of the ``.part`` that end with a whole record."""
+        """Bytes of the ``.part`` up to the end of its last complete record."""
         self._info, self._origin = info, origin
-        with self._keeping_what_is_whole():
+        with self._keeping_whole_records():
             self._mcap.start(profile="ros2", library=LIBRARY)
             self._mcap.add_metadata("tipforce.session", {"origin": origin, **session_record(info)})
             self._stream.flush()
@@ -122,7 +132,7 @@ class RecordingWriter:
             self._flusher.start()
 
     def write(self, event: Event) -> None:
-        """One event; frames are compressed here. Raises TimeError for a stamp below zero or beyond `MAX_STAMP_S`."""
+        """Writes one event; compresses frames. Raises TimeError for a stamp below zero or beyond `MAX_STAMP_S`."""
         self._check_stamp(event.stamp_ns)
         if isinstance(event, Frame):
             encoding, data = encode_image(event.image, lossless=self._lossless, jpeg_quality=self._quality)
@@ -135,13 +145,13 @@ class RecordingWriter:
             self._add(f"/{event.stream}", JOINT_STATE, event.stamp_ns, pack_joints(event.stamp_ns, event.values))
 
     def write_estimate(self, estimate: ForceEstimate) -> None:
-        """One estimate, into the stream "estimate". Raises TimeError as `write`."""
+        """Writes one estimate into the stream "estimate". Raises TimeError as `write` does."""
         self._check_stamp(estimate.stamp_ns)
         message = pack_estimate(estimate.stamp_ns, estimate)
         self._add(f"/{ESTIMATE}", FORCE_ESTIMATE, estimate.stamp_ns, message)
 
     def state(self, fact: Fact | SensorInfo) -> None:
-        """A fact about the run; the last one of its kind holds. A sensor stands in place of that of the metadata."""
+        """Writes a fact about the run; the last one of its kind holds. A sensor replaces that of the metadata."""
         if isinstance(fact, SensorInfo):
             self._info = replace(self._info, sensor=fact)
             self.note("tipforce.session", {"origin": self._origin, **session_record(self._info)})
@@ -149,14 +159,14 @@ class RecordingWriter:
         self.note(record_name(fact), fact.record())
 
     def note(self, name: str, record: dict[str, str]) -> None:
-        """A metadata record of any name; the last one of a name holds."""
-        with self._lock, self._keeping_what_is_whole():
+        """Writes a metadata record of any name; the last one of a name holds."""
+        with self._lock, self._keeping_whole_records():
             self._mcap.add_metadata(name, record)
             self._stream.flush()
             self._whole = self._stream.tell()
 
     def written_frames(self) -> Iterator[Frame]:
-        """The frames written so far, in that order, as they are kept: with what compression left of them."""
+        """Yields the frames written until now, in that order, with the losses of their compression."""
         with self._lock:
             self._flush()
         with self.part.open("rb") as stream:
@@ -169,11 +179,11 @@ class RecordingWriter:
                     yield Frame(record.log_time, decode_image(data, str(self.part)), views[record.channel_id])
 
     def close(self) -> None:
-        """Finish the file and give it its name."""
+        """Finishes the file and gives it its name."""
         if self._closed:
             return
         self._halt()
-        with self._keeping_what_is_whole():
+        with self._keeping_whole_records():
             self._mcap.finish()
             self._stream.flush()
             os.fsync(self._stream.fileno())
@@ -182,7 +192,7 @@ class RecordingWriter:
         self._held.close()
 
     def abandon(self) -> None:
-        """Stop and remove what was written: for what can be made again from its sources."""
+        """Stops and removes the file: for a recording that can be made again from its sources."""
         if not self._closed:
             self._halt()
         self._held.close()
@@ -200,7 +210,7 @@ class RecordingWriter:
             self.leave_part()
 
     def leave_part(self) -> None:
-        """Stop, and leave what was written as ``.part``: after an error, which is the one to show."""
+        """Stops and leaves the file as ``.part``, after an error, which is the one to show."""
         if self._closed:
             return
         self._halt()
@@ -223,8 +233,8 @@ class RecordingWriter:
             raise OutputError(f"{self.path}: cannot be written, {_why(error)}") from None
 
     @contextlib.contextmanager
-    def _keeping_what_is_whole(self) -> Generator[None]:
-        """Around what writes to the file: where the disk is full, half a record must not stay at its end."""
+    def _keeping_whole_records(self) -> Generator[None]:
+        """Surrounds every write to the file: where the disk is full, half a record must not stay at its end."""
         if self._failed:
             raise self._failed
         try:
@@ -233,7 +243,7 @@ class RecordingWriter:
             raise self._fail(f"{self.path}: cannot be written any more, {_why(error)}") from error
 
     def _check_in_place(self) -> None:
-        """Raises OutputError where the ``.part`` was removed or moved: what is written then goes nowhere."""
+        """Raises OutputError where the ``.part`` was removed or moved: further messages would be lost."""
         try:
             in_place = os.path.samestat(self.part.stat(), os.fstat(self._stream.fileno()))
         except FileNotFoundError:
@@ -242,10 +252,10 @@ class RecordingWriter:
             raise self._fail(f"{self.path}: cannot be written any more, {self.part} was removed or moved")
 
     def _fail(self, why: str) -> OutputError:
-        """Ends the writing; the error says what is left of the recording."""
+        """Ends the writing; the error states how much of the recording is left."""
         file = os.dup(self._stream.fileno())
         self._failed = OutputError(f"{why}; {self._left(os.fstat(file).st_nlink)}")
-        with contextlib.suppress(OSError):  # its buffer cannot be written, either
+        with contextlib.suppress(OSError):  # its buffer cannot be written either
             self._held.close()
         os.ftruncate(file, self._whole)
         os.close(file)
@@ -267,9 +277,9 @@ class RecordingWriter:
 
     def _check_stamp(self, stamp_ns: int) -> None:
         if stamp_ns >= MAX_STAMP_S * 1_000_000_000:
-            raise TimeError(f"{self.path}: the stamp {stamp_ns} ns lies beyond the year 2038; check its unit")
+            raise TimeError(f"{self.path}: the stamp {stamp_ns} ns is beyond the year 2038; check its unit")
         if stamp_ns < 0:
-            raise TimeError(f"{self.path}: the stamp {stamp_ns} ns lies before zero, which the format cannot hold")
+            raise TimeError(f"{self.path}: the stamp {stamp_ns} ns is before zero, which the format cannot hold")
 
     def _add(self, topic: str, schema: str, stamp_ns: int, message: bytes) -> None:
         with self._lock:
@@ -278,14 +288,14 @@ class RecordingWriter:
             channel = self._channels.get(topic) or self._register(topic, schema)
             sequence = self._sequence.get(channel, 0)
             self._sequence[channel] = sequence + 1
-            with self._keeping_what_is_whole():  # a full chunk is written here
+            with self._keeping_whole_records():  # a full chunk is written here
                 self._mcap.add_message(channel, stamp_ns, message, stamp_ns, sequence)
             now = self._clock.now_ns()
             if self._pending_since is None:
                 self._pending_since = now
             first, last = self._span or (stamp_ns, stamp_ns)
             self._span = min(first, stamp_ns), max(last, stamp_ns)
-            if now - self._pending_since >= _FLUSH_NS or self._span[1] - self._span[0] >= _CHUNK_NS:
+            if now - self._pending_since >= FLUSH_AGE_NS or self._span[1] - self._span[0] >= MAX_CHUNK_NS:
                 self._flush()
 
     def _register(self, topic: str, schema: str) -> int:
@@ -295,7 +305,7 @@ class RecordingWriter:
         return self._channels[topic]
 
     def _flush(self) -> None:
-        with self._keeping_what_is_whole():
+        with self._keeping_whole_records():
             self._mcap.flush()
             self._check_in_place()
             self._whole = self._stream.tell()
@@ -305,20 +315,26 @@ class RecordingWriter:
         self._pending_since, self._span = None, None
 
     def _flush_while_idle(self) -> None:
-        while not self._stop.wait(_FLUSH_NS * 1e-9):
+        while not self._stop.wait(FLUSH_AGE_NS * 1e-9):
             with self._lock:
-                if self._pending_since is not None and self._clock.now_ns() - self._pending_since >= _FLUSH_NS:
+                if self._pending_since is not None and self._clock.now_ns() - self._pending_since >= FLUSH_AGE_NS:
                     with contextlib.suppress(OutputError):  # kept, and raised where the next event is written
                         self._flush()
 
 
 def _why(error: OSError) -> str:
-    """What the operating system refused, and what to do."""
+    """Returns the refusal of the operating system, and the remedy."""
     return REMEDIES.get(error.errno or 0, f"{error.strerror or error}; choose another place")
 
 
 def write_force_csv(path: Path | str, stamps_ns: IntArray, force_n: FloatArray) -> None:
-    """A force log ``stamp_ns,fx_n,fy_n,fz_n`` (newtons): stamps (n,), force (n, 3); unknown axes are left out."""
+    """Writes a force log ``stamp_ns,fx_n,fy_n,fz_n``.
+
+    Args:
+        path: the file.
+        stamps_ns: (n,) stamps.
+        force_n: (n, 3) forces, N; an axis that is NaN throughout is left out.
+    """
     known = [axis for axis in range(3) if not np.isnan(force_n[:, axis]).all()]
     with atomic_text(Path(path)) as out:
         out.write(",".join(["stamp_ns", *(f"f{'xyz'[axis]}_n" for axis in known)]) + "\n")

@@ -1,4 +1,4 @@
-"""A bag as a source of images, with its force log and its logs of drives and stage."""
+"""Reads a bag: its images as a source, its force log, and its logs of drives and stage."""
 
 import heapq
 import math
@@ -22,10 +22,10 @@ from ._messages import BagMessage, Topic, listed_topics, messages, only_topic, t
 WRENCH_KINDS = ("WrenchStamped", "Wrench")
 NUMBER_KINDS = ("Float64", "Float32", "Float64Stamped", "Float32Stamped")
 REORDERED_FRAMES = 8
-"""Images that may arrive before one with an earlier stamp."""
+"""Largest number of images that may arrive before one with an earlier stamp."""
 
 _PER_SI_UNIT = {"deg": math.degrees(1.0), "rad": 1.0, "m": 1.0, "mm": 1e3, "um": 1e6}
-"""A JointState holds radians and metres; the name of a drive states its unit."""
+"""Number of each unit in a radian or metre: a JointState holds these, and the name of a drive states its unit."""
 
 
 def is_bag(path: Path) -> bool:
@@ -37,10 +37,18 @@ def is_bag(path: Path) -> bool:
 
 @dataclass(slots=True)
 class Bag:
-    """A `Source` of the images of a bag; and what else is in it.
+    """A `Source` of the images of a bag, with its forces and its readings of drives.
 
-    ``force``: the readings of its sensor; ``joints`` and ``stage``: of the catheter's drives and of the stage; None
-    without a topic. ``remarks``: which topics were taken, and what was assumed, in sentences.
+    Attributes:
+        path: the bag.
+        session_info: metadata of the session.
+        views: view -> topic of its images.
+        force: readings of the force sensor; None without a topic.
+        joints: readings of the catheter's drives; None without a topic.
+        stage: readings of the stage; None without a topic.
+        remarks: the chosen topics and the assumptions, in sentences.
+        received: topics whose messages are placed at the times at which they were received.
+        numbered: whether the stamps only count the images.
     """
 
     path: Path
@@ -51,21 +59,20 @@ class Bag:
     stage: DriveLog | None = None
     remarks: list[str] = field(default_factory=list[str])
     received: frozenset[str] = frozenset()
-    """Topics whose messages are placed at the times at which they were received."""
     numbered: bool = False
 
     @property
     def frame_count(self) -> int:
-        """How many images will come."""
+        """Number of images in the bag."""
         return sum(topic.count for topic in self.views.values())
 
     def lacks(self, names: Iterable[str]) -> list[str]:
-        """Those of the actuation's ``names`` that never come."""
+        """Returns those of the actuation's ``names`` that have no reading."""
         there = {*self.session_info.actuation.constant, *(self.joints.values if self.joints else ())}
         return [name for name in names if name not in there]
 
     def readings(self, name: str) -> FloatArray:
-        """(n,) all readings of the drive ``name``."""
+        """Returns the (n,) readings of the drive ``name``."""
         if self.joints and name in self.joints.values:
             values = self.joints.values[name]
             return values[np.isfinite(values)]
@@ -73,7 +80,7 @@ class Bag:
         return np.empty(0) if constant is None else np.array([constant])
 
     def __iter__(self) -> Iterator[Event]:
-        """Images, and the readings of the catheter's drives before each."""
+        """Yields the images, and before each the readings of the catheter's drives."""
         stamps = np.empty(0, np.int64) if self.joints is None else self.joints.stamp_ns
         row, first = 0, True
         for frame in self.frames():
@@ -87,7 +94,7 @@ class Bag:
             yield frame
 
     def frames(self) -> Iterator[Frame]:
-        """The images in the order of their stamps. Raises TimeError where they are far from this order."""
+        """Yields the images in the order of their stamps. Raises TimeError where they are far from this order."""
         names = {topic.name: view for view, topic in self.views.items()}
         depths = {name: StreamDepth(_Wide(self.path, name)) for name in names}
         waiting: list[tuple[int, int, str, Any]] = []
@@ -100,7 +107,7 @@ class Bag:
                     last[name] = stamp
                     where = f"{self.path}, {name} at {stamp * 1e-9:.3f} s"
                     yield Frame(stamp, image_of(content, where, depths[name]), names[name])
-                elif name not in self.received:  # two images that were received at once are one
+                elif name not in self.received:  # two images that were received at the same time count as one
                     raise TimeError(
                         f"{self.path}, topic {name}: the image at {stamp * 1e-9:.6f} s is not after the one before it; "
                         "to use the times at which the images were received instead of their own stamps, state in "
@@ -120,11 +127,11 @@ class Bag:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Nothing stays open between two iterations."""
+        """Does nothing: no file stays open between two iterations."""
 
 
 class _Wide:
-    """Gives the images of 16 bits of one topic, encoded."""
+    """Yields the images of 16 bits of one topic, encoded."""
 
     def __init__(self, path: Path, topic: str) -> None:
         self._path, self._topic = path, topic
@@ -139,19 +146,19 @@ class _Wide:
 
 
 def _stamp(message: BagMessage, received: bool) -> int | None:
-    """The stamp of a message; None for a message without one in a topic whose other messages have one."""
+    """Returns the stamp of a message; None for a message without one in a topic whose other messages have one."""
     if received:
         return message.received_ns
     return message.header_ns or None
 
 
 def open_bag(path: Path, info: SessionInfo, *, images: bool = True) -> Bag:
-    """Chooses the topics of a bag, and reads all but its images.
+    """Chooses the topics of a bag, and reads them except the images.
 
     Args:
         path: a ROS 1 bag (.bag), a ROS 2 bag (.db3, .mcap or their folder).
-        info: metadata of the session; ``bag``: its topics.
-        images: whether its images are wanted, too.
+        info: metadata of the session; ``bag`` states the topics.
+        images: whether the images are wanted, too.
 
     Raises:
         FileFormatError: it cannot be read, or has no images.
@@ -184,7 +191,7 @@ def open_bag(path: Path, info: SessionInfo, *, images: bool = True) -> Bag:
 
 
 def _views(path: Path, topics: Mapping[str, Topic], stated: BagInfo, remarks: list[str]) -> dict[str, Topic]:
-    """View -> topic of its images."""
+    """Returns view -> topic of its images."""
     if stated.views:
         named = {view: (name, f"bag.views.{view}") for view, name in stated.views.items()}
         found = {view: _named(path, topics, name, key, IMAGE_KINDS) for view, (name, key) in named.items()}
@@ -201,7 +208,7 @@ def _views(path: Path, topics: Mapping[str, Topic], stated: BagInfo, remarks: li
 
 
 def _named(path: Path, topics: Mapping[str, Topic], name: str | None, key: str, kinds: Sequence[str]) -> Topic | None:
-    """The topic that ``bench.toml`` names. Raises InputError where it is not there or of another type."""
+    """Returns the topic that ``bench.toml`` states. Raises InputError where it is missing or of another type."""
     if name is None:
         return None
     topic = topics.get(name) or topics.get("/" + name.strip("/"))
@@ -216,7 +223,7 @@ def _named(path: Path, topics: Mapping[str, Topic], name: str | None, key: str, 
 def _drive_topics(
     path: Path, topics: Mapping[str, Topic], stated: BagInfo, remarks: list[str]
 ) -> tuple[list[str], list[str]]:
-    """Topics of the catheter's drives, and of the stage."""
+    """Returns the topics of the catheter's drives, and those of the stage."""
     kinds = ("JointState", *NUMBER_KINDS)
     chosen: list[list[str]] = []
     for key, names in (("drives", stated.drives), ("stage", stated.stage)):
@@ -239,7 +246,7 @@ def _drive_topics(
 
 
 def _named_by_topic(name: str) -> str:
-    """NAME_UNIT that the last part of a topic's name is; empty where it is none."""
+    """Returns the last part of the name of a topic if it is a NAME_UNIT, else an empty text."""
     last = name.rstrip("/").rpartition("/")[2]
     return last if _unit(last) else ""
 
@@ -252,7 +259,7 @@ def _unit(name: str) -> str:
 def _without_stamps(
     path: Path, topics: Mapping[str, Topic], taken: Sequence[str], stated: BagInfo, remarks: list[str]
 ) -> frozenset[str]:
-    """The topics that are placed at receive times. Raises TimeError for others without stamps of their own."""
+    """Returns the topics that are placed at receive times. Raises TimeError for others without stamps of their own."""
     stated_topics = {"/" + name.strip("/") for name in stated.receive_times}
     placed = {name for name in taken if "/" + name.strip("/") in stated_topics}
     open_topics = {name for name in taken if topics[name].count and name not in placed}
@@ -290,7 +297,7 @@ class _Columns:
     values: dict[str, list[dict[str, float]]] = field(default_factory=dict[str, list[dict[str, float]]])
 
     def add(self, topic: str, message: BagMessage) -> None:
-        """One message of a topic of forces or drives."""
+        """Adds a message of a topic of forces or drives."""
         stamp, content = _stamp(message, topic in self.received), message.content
         if stamp is None:
             return
@@ -306,7 +313,7 @@ class _Columns:
             self.values.setdefault(topic, []).append({topic: float(content.data)})
 
     def force(self, topic: str) -> ForceLog:
-        """The readings of a sensor in newtons. Raises FileFormatError for one that no sensor gives."""
+        """Returns the readings of a sensor, N. Raises FileFormatError for a reading that no sensor gives."""
         force = np.array(self.wrenches.get(topic, []), np.float64).reshape(-1, 3)
         stamps, rows, remarks = self._in_order(topic)
         force = force[rows]
@@ -320,7 +327,7 @@ class _Columns:
         return ForceLog(stamps, force, None, f"force = {topic} (N)", remarks=remarks)
 
     def drives(self, topics: Sequence[str], remarks: list[str]) -> DriveLog | None:
-        """The readings of drives: NAME_UNIT -> (n,). Raises InputError where a name has no unit."""
+        """Returns the readings of drives: NAME_UNIT -> (n,). Raises InputError where a name has no unit."""
         found: list[tuple[IntArray, dict[str, FloatArray]]] = []
         for topic in topics:
             stamps, rows, said = self._in_order(topic)
@@ -352,7 +359,7 @@ class _Columns:
         return DriveLog(every, values)
 
     def _name(self, topic: str, joint: str) -> tuple[str, float]:
-        """NAME_UNIT of a joint or topic, and what its readings are multiplied by to be in this unit."""
+        """Returns NAME_UNIT of a joint or topic, and the factor that converts its readings to this unit."""
         stated = self.names.get(joint) or self.names.get(joint.lstrip("/"))
         if self.kinds[topic] == "JointState" and stated:
             return stated, _PER_SI_UNIT.get(_unit(stated), 1.0)
@@ -365,7 +372,7 @@ class _Columns:
         return name, 1.0
 
     def _in_order(self, topic: str) -> tuple[IntArray, IntArray, tuple[str, ...]]:
-        """Rising stamps, the rows that have them, and what was done to the others."""
+        """Returns rising stamps, their rows, and remarks on the rows that are left out."""
         stamps = np.array(self.stamps.get(topic, []), np.int64)
         order = np.argsort(stamps, kind="stable")
         keep = np.diff(stamps[order], prepend=-1) > 0

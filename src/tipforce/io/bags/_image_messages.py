@@ -1,4 +1,4 @@
-"""sensor_msgs/Image and CompressedImage as images."""
+"""Decodes the messages sensor_msgs/Image and CompressedImage."""
 
 from typing import Any
 
@@ -33,12 +33,12 @@ _TO_RGB: dict[str, int] = {
 
 
 def image_of(content: Any, where: str, depth: StreamDepth) -> Image:
-    """The image of a message.
+    """Decodes the image of a message.
 
     Args:
         content: the message.
-        where: it is from, for the message of an error.
-        depth: of the stream, for images with more than 8 bits.
+        where: origin of the message, for errors.
+        depth: bit depth of the stream, for images with more than 8 bits.
 
     Returns:
         (h, w) grey or (h, w, 3) RGB, uint8.
@@ -67,7 +67,7 @@ def image_of(content: Any, where: str, depth: StreamDepth) -> Image:
 
 
 def _rows(content: Any, width_bytes: int, height: int, where: str) -> "np.ndarray":  # type: ignore[type-arg]
-    """(height, width_bytes) bytes without the padding of the rows. Raises FileFormatError where they are not there."""
+    """Returns (height, width_bytes) bytes without the padding of rows. Raises FileFormatError if bytes are missing."""
     check_pixels(int(content.width), height, where)
     step, data = int(content.step), np.asarray(content.data, np.uint8).ravel()
     if step < width_bytes or len(data) < step * height or not height or not width_bytes:
@@ -79,7 +79,7 @@ def _rows(content: Any, width_bytes: int, height: int, where: str) -> "np.ndarra
 
 
 def png_of_16_bits(content: Any, where: str) -> bytes:
-    """A grey image of 16 bits as PNG, so that it is read as others with more than 8 bits are."""
+    """Encodes a grey image of 16 bits as PNG, so that it is read like other images with more than 8 bits."""
     rows = _rows(content, 2 * int(content.width), int(content.height), where)
     pixels = rows.view(">u2" if content.is_bigendian else "<u2").astype(np.uint16)
     return cv2.imencode(".png", pixels)[1].tobytes()

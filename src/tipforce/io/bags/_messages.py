@@ -1,4 +1,4 @@
-"""Messages of a bag: opening it, its topics, and the stamps of its messages."""
+"""Opens a bag and reads its topics, and its messages with their stamps."""
 
 import importlib
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -12,7 +12,7 @@ from ...errors import FileFormatError, InputError, MissingExtraError, TipforceEr
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """``kind``: the message's type without its package, as "JointState"; ``count``: of its messages."""
+    """``kind``: type of the messages without its package, as "JointState"; ``count``: number of messages."""
 
     name: str
     kind: str
@@ -21,7 +21,7 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class BagMessage:
-    """``header_ns``: its own stamp, 0 for none; ``received_ns``: when it was recorded; ``content``: its fields."""
+    """``header_ns``: own stamp, 0 for none; ``received_ns``: time of its recording; ``content``: its fields."""
 
     header_ns: int
     received_ns: int
@@ -30,7 +30,7 @@ class BagMessage:
 
 @contextmanager
 def _opened(path: Path) -> Generator[Any]:
-    """The bag at ``path``, open. Raises FileFormatError for a damaged one."""
+    """Opens the bag at ``path``. Raises FileFormatError for a damaged one."""
     try:
         highlevel: Any = importlib.import_module("rosbags.highlevel")
         typesys: Any = importlib.import_module("rosbags.typesys")
@@ -51,7 +51,7 @@ def _opened(path: Path) -> Generator[Any]:
 
 
 def topics_of(path: Path) -> dict[str, Topic]:
-    """Name -> topic. Raises FileFormatError for a file that is no bag, MissingExtraError without rosbags."""
+    """Returns name -> topic. Raises FileFormatError for a file that is no bag, MissingExtraError without rosbags."""
     with _opened(path) as reader:
         return {
             name: Topic(name, str(info.msgtype or "").rpartition("/")[2], int(info.msgcount))
@@ -60,7 +60,7 @@ def topics_of(path: Path) -> dict[str, Topic]:
 
 
 def messages(path: Path, names: Sequence[str]) -> Iterator[tuple[str, BagMessage]]:
-    """Topic and message of all messages of the topics ``names``, in the order in which they were received.
+    """Yields topic and message of all messages of the topics ``names``, in the order in which they were received.
 
     Raises FileFormatError where a message is not of its type.
     """
@@ -73,15 +73,15 @@ def messages(path: Path, names: Sequence[str]) -> Iterator[tuple[str, BagMessage
             yield connection.topic, BagMessage(header_ns, int(received_ns), content)
 
 
-def only_topic(path: Path, topics: Mapping[str, Topic], kinds: Sequence[str], what: str, line: str) -> Topic | None:
-    """The only topic of the types ``kinds``; None without one.
+def only_topic(path: Path, topics: Mapping[str, Topic], kinds: Sequence[str], content: str, line: str) -> Topic | None:
+    """Returns the only topic of the types ``kinds``; None without one.
 
     Args:
         path: the bag, for the message.
-        topics: those of the bag.
-        kinds: types that are looked for.
-        what: what they hold, for the message.
-        line: of ``bench.toml`` that chooses, with {} for the topic.
+        topics: the topics of the bag.
+        kinds: the message types.
+        content: their content, for the message.
+        line: the line of ``bench.toml`` that chooses, with {} for the topic.
 
     Raises:
         InputError: there are several.
@@ -89,13 +89,13 @@ def only_topic(path: Path, topics: Mapping[str, Topic], kinds: Sequence[str], wh
     found = [topic for topic in topics.values() if topic.kind in kinds and topic.count]
     if len(found) > 1:
         raise InputError(
-            f"{path}: has several topics of {what}: {listed_topics(found)}; state one in bench.toml: "
+            f"{path}: has several topics of {content}: {listed_topics(found)}; state one in bench.toml: "
             f"{line.format(found[0].name)}"
         )
     return found[0] if found else None
 
 
 def listed_topics(topics: Sequence[Topic]) -> str:
-    """Topics as a message shows them."""
+    """Lists topics for a message."""
     shown = ", ".join(f"{topic.name} ({topic.kind}, {topic.count} messages)" for topic in topics[:12])
     return shown + (f" and {len(topics) - 12} more" if len(topics) > 12 else "")

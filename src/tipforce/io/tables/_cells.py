@@ -1,4 +1,4 @@
-"""A table that is in memory: the cells of a workbook, or the variables of a file of MATLAB."""
+"""Tables in memory: the cells of a workbook, or the variables of a file of MATLAB."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ _HEAD_ROWS = 200
 
 
 class CellTable(Table):
-    """Rows of cells as text: ``rows`` are their numbers, from 1, and their cells."""
+    """Rows of cells as text. ``rows``: number from 1, and cells, of each."""
 
     unit_of_place = "row"
 
@@ -24,7 +24,7 @@ class CellTable(Table):
         self._cells = rows
 
     def lines(self) -> Iterator[tuple[int, list[str]]]:
-        """Number and cells of every row of data."""
+        """Yields number and cells of every row of data."""
         for number, row in self._cells:
             if number > self._layout.above and self._lines[0] <= number <= self._lines[1] and any(row):
                 yield number, row
@@ -37,7 +37,7 @@ class CellTable(Table):
 
 
 class ColumnTable(Table):
-    """Columns of numbers (n,), or of texts: one array for each name; a row is a place in them, from 1."""
+    """Columns (n,) of numbers or texts: one array for each name. Rows are counted from 1."""
 
     unit_of_place = "row"
 
@@ -58,24 +58,24 @@ class ColumnTable(Table):
         return len(self._arrays[0])
 
     def place(self, row: int) -> str:
-        """Where a person finds the ``row``-th row."""
+        """Returns the position of row ``row``, for messages."""
         return f"row {row + self._first}"
 
     def lines(self) -> Iterator[tuple[int, list[str]]]:
-        """Number and cells of every row."""
+        """Yields number and cells of every row."""
         for row in range(len(self)):
             yield row + self._first, [_text(array[row]) for array in self._arrays]
 
     def text(self, name: str) -> list[str]:
-        """A column as text."""
+        """Returns a column as text."""
         return [_text(value) for value in self._arrays[self.column(name)]]
 
     def first(self, name: str) -> str:
-        """The first cell of a column that is not empty."""
+        """Returns the first cell of a column that is not empty."""
         return next(islice((text for text in self.text(name) if text), 1), "")
 
     def cells(self, name: str) -> list[str]:
-        """A column as text."""
+        """Returns a column as text."""
         return self.text(name)
 
     def _fast(self, columns: list[int], kind: type[np.float64] | type[np.int64]) -> "np.ndarray | None":  # type: ignore[type-arg]
@@ -88,7 +88,7 @@ class ColumnTable(Table):
 
 
 def _is_whole(array: "np.ndarray") -> bool:  # type: ignore[type-arg]
-    """Whether all values are whole numbers that a float holds exactly: MATLAB has floats unless it is asked."""
+    """Whether all values are whole numbers that a float holds exactly: MATLAB stores floats by default."""
     values: FloatArray | IntArray = array
     return values.dtype.kind in "iub" or bool(np.all(np.isfinite(values)) and np.all(values == np.rint(values)))
 

@@ -1,4 +1,4 @@
-"""What the name of a column says, and which readings of a drive are plausible."""
+"""Names of columns, and the plausible readings of a drive."""
 
 import re
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ ACTUATION_UNITS = (
     *("deg", "rad", "mm", "um", "m", "px", "kpa", "pa", "bar", "v", "a", "ma", "n", "mn", "nmm"),
     *("count", "steps", "percent"),
 )
-"""What the name of an actuation column may end in: NAME_UNIT."""
+"""Units at the end of the name of an actuation column: NAME_UNIT."""
 
 _FORCE = re.compile(r"^[ft][xyz]_[a-z]+$", re.IGNORECASE)
 
@@ -33,7 +33,7 @@ def is_actuation(column: str) -> bool:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names of columns as an error shows them: not all of two hundred."""
+    """Lists the names of columns for an error; not all of two hundred."""
     return ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
 
 
@@ -47,12 +47,12 @@ class _Placed(Protocol):
 def check_actuation(
     table: _Placed, column: str, values: FloatArray, *, as_name: str = "", remedy: str = "correct the row or remove it"
 ) -> None:
-    """Refuses a reading that its drive cannot have; NaN is no reading.
+    """Checks that readings are in the range of their drive; NaN is no reading.
 
     Args:
-        table: where the readings are from, for the message.
+        table: origin of the readings, for the message.
         column: name of the column, NAME_UNIT.
-        values: (n,) readings, in the unit that the name ends in.
+        values: (n,) readings, in the unit at the end of the name.
         as_name: NAME_UNIT of the drive, if the column has another name.
         remedy: the advice in the message.
 
@@ -63,6 +63,6 @@ def check_actuation(
     row = expected.outside(values)
     if row is not None:
         raise TableError(
-            f"{table.path}, {table.place(row)}, column {column}: {values[row]:g} lies outside of {expected}; {remedy}, "
+            f"{table.path}, {table.place(row)}, column {column}: {values[row]:g} is outside of {expected}; {remedy}, "
             "or check the column's unit"
         )

@@ -1,4 +1,4 @@
-"""Dates and times of day as loggers write them: ISO, German, American, with names of months, with or without a zone."""
+"""Reads dates and times of day of loggers: ISO, German, American, with names of months, with or without a zone."""
 
 import datetime
 import re
@@ -10,7 +10,7 @@ import numpy as np
 from ...types import DateOrder, IntArray
 
 FIRST_YEAR, LAST_YEAR = 1970, 2037
-"""ROS messages hold seconds since 1970 in 32 bits with a sign."""
+"""Years of stamps: ROS messages hold seconds since 1970 in 32 bits with a sign."""
 
 _DAY_NS = 86_400_000_000_000
 _EPOCH = datetime.date(1970, 1, 1).toordinal()
@@ -42,7 +42,7 @@ _MONTHS = {
 
 
 class NoDate(ValueError):
-    """A text is no time: ``row`` of it."""
+    """The text of the row ``row`` is no time."""
 
     def __init__(self, row: int) -> None:
         super().__init__(row)
@@ -50,11 +50,11 @@ class NoDate(ValueError):
 
 
 class DateOutside(NoDate):
-    """A date lies outside of the years that a recording can hold."""
+    """A date is outside of the years that a recording can hold."""
 
 
 class AmbiguousDates(ValueError):
-    """Dates of which the order of day and month is open. ``example``: one of them; ``orders``: those that are open."""
+    """The order of day and month is ambiguous. ``example``: one of the dates; ``orders``: those that fit."""
 
     def __init__(self, example: str, orders: Sequence[str]) -> None:
         super().__init__(example)
@@ -63,9 +63,12 @@ class AmbiguousDates(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Times:
-    """``stamp_ns`` (n,): since 1970, or since the first midnight for times of day; local time where no zone is stated.
+    """Times of the rows of a log.
 
-    ``kind``: "date" or "time of day"; ``order``: of day, month and year, where the dates are numbers.
+    Attributes:
+        stamp_ns: (n,) ns since 1970, or since the first midnight for times of day; local time where no zone is stated.
+        kind: "date" or "time of day".
+        order: order of day, month and year, where the dates are numbers.
     """
 
     stamp_ns: IntArray
@@ -90,19 +93,19 @@ def is_time_of_day(text: str) -> bool:
 
 
 def parse_times(cells: Sequence[str], order: DateOrder | None, dates: Sequence[str] | None = None) -> Times:
-    """Times of the rows of a log.
+    """Reads the times of the rows of a log.
 
     Args:
         cells: (n,) texts, as "31.12.2026 23:59:59,123"; a time of day where no date is in them.
-        order: of day, month and year; None: found from the dates, where they allow but one.
-        dates: (n,) texts of the dates, where they have a column of their own.
+        order: order of day, month and year; None: found from the dates, where only one fits.
+        dates: (n,) texts of the dates, where they are in a column of their own.
 
     Returns:
-        The stamps. Times of day go on after midnight.
+        The stamps. Times of day continue after midnight.
 
     Raises:
         NoDate: a cell is no time; DateOutside: it is before 1970 or after 2037.
-        AmbiguousDates: day and month may be either way round, or no order fits all dates.
+        AmbiguousDates: two orders of day and month fit, or none fits all dates.
     """
     clock_ns = np.empty(len(cells), np.int64)
     days: list[str] = []
@@ -145,13 +148,13 @@ def parse_times(cells: Sequence[str], order: DateOrder | None, dates: Sequence[s
 
 
 def _parts(day: str) -> tuple[str, str, str] | None:
-    """Numbers of a date of numbers in the order of the text; None for one with the name of a month."""
+    """Returns the numbers of a date in the order of the text; None for a date with the name of a month."""
     found = re.fullmatch(r"(\d{1,4})[./-](\d{1,2})[./-](\d{1,4})", day)
     return None if found is None else (found[1], found[2], found[3])
 
 
 def _order_of(days: Iterable[str]) -> DateOrder | None:
-    """The only order of day, month and year that fits all dates; a date with points is German.
+    """Returns the only order of day, month and year that fits all dates; a date with points is German.
 
     Raises AmbiguousDates where two orders fit, or none.
     """
@@ -171,7 +174,7 @@ def _order_of(days: Iterable[str]) -> DateOrder | None:
 
 
 def _date(day: str, order: DateOrder | None) -> datetime.date:
-    """Raises ValueError for what is no date in this order."""
+    """Returns the date in ``day``. Raises ValueError where it is no date in this order."""
     parts = _parts(day)
     if parts is not None:
         values = dict(zip(order or "ymd", parts, strict=True))

@@ -1,4 +1,4 @@
-"""How a table is written: where its header is, what the lines above it state, separator and decimal sign."""
+"""Finds the format of a table: position of its header, facts in the lines above it, separator and decimal sign."""
 
 import codecs
 import csv
@@ -14,10 +14,10 @@ from ...types import LogInfo
 from ._dates import is_time_text
 
 Rows = Sequence[tuple[int, list[str]]]
-"""Number of the line, and its cells."""
+"""Number of each line, and its cells."""
 
 CELLS = ""
-"""Stands for the separator of a table that comes in cells, from a workbook."""
+"""Separator of a table of cells from a workbook."""
 
 NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 MISSING = frozenset(
@@ -27,10 +27,10 @@ MISSING = frozenset(
 
 _SEPARATORS = {"\t": "tab", ";": "semicolon", ",": "comma", " ": "blank"}
 _SAMPLE_BYTES = 1 << 20
-"""They tell how a file is written; a line is shorter."""
+"""Size of the start of a file by which its encoding is determined; also the limit of a line."""
 _SAMPLE_LINES = 200
 _CHECKED_ROWS = 3
-"""Rows below a header that have to be rows of its table."""
+"""Number of rows below a header that must be rows of its table."""
 _MAX_COLUMNS = 10_000
 _GZIP = b"\x1f\x8b"
 _GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([.,])\d{3})+(?:(?!\1)[.,]\d*)?$")
@@ -46,12 +46,20 @@ _UNIT = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How one table is written.
+    """Format of one table.
 
-    ``header``: names of all columns, "" for those without one. ``units``: column -> unit, of a row of units below the
-    header. ``facts``: what the lines above the table and cells as "Frequency = 1000" of its header state, names in
-    small letters. ``above``: the number of the last line above the rows. ``thousands``: the sign between groups of
-    thousands, "" if there is none. ``pairs``: every number is in two cells, for its decimal comma separates cells, too.
+    Attributes:
+        header: names of all columns, "" for those without one.
+        separator: between cells.
+        above: number of the last line above the rows.
+        decimal_comma: whether the decimal sign is a comma.
+        thousands: sign between groups of thousands, "" if there is none.
+        pairs: whether every number is in two cells, because its decimal comma also separates cells.
+        comments: whether lines that begin with # are skipped.
+        encoding: of the text.
+        units: column -> unit, from a row of units below the header.
+        facts: names in small letters -> values, from the lines above the table and from cells of its header such as
+            "Frequency = 1000".
     """
 
     header: tuple[str, ...]
@@ -67,14 +75,14 @@ class Layout:
 
 
 def open_text(path: Path, encoding: str) -> IO[str]:
-    """The text of ``path``; what the encoding does not have is replaced."""
+    """Opens ``path`` as text; bytes that the encoding does not have are replaced."""
     return path.open(encoding=encoding, errors="replace", newline=None)
 
 
 def encoding_of(path: Path) -> str:
-    """Returns how the text of ``path`` is written: UTF-8, UTF-16 (Unicode for Excel), else the Windows code page.
+    """Returns the encoding of ``path``: UTF-8, UTF-16 (Unicode for Excel), else the Windows code page.
 
-    Raises FileFormatError for what is no text, or has a line that no table has.
+    Raises FileFormatError for a file that is no text, or has a line that is too long for a table.
     """
     with path.open("rb") as stream:
         sample = stream.read(_SAMPLE_BYTES)
@@ -87,7 +95,7 @@ def encoding_of(path: Path) -> str:
                 raise FileFormatError(f"{path}: is no text table (byte {at + place} is 0); export it as CSV")
             if len(block) == _SAMPLE_BYTES and b"\n" not in block and b"\r" not in block:
                 raise FileFormatError(
-                    f"{path}: has a line of more than {_SAMPLE_BYTES >> 20} MiB (at byte {at}), which no table has; "
+                    f"{path}: has a line of more than {_SAMPLE_BYTES >> 20} MiB (at byte {at}), too long for a table; "
                     "export it as CSV"
                 )
             at += len(block)
@@ -111,12 +119,12 @@ def holds_data(line: str, comments: bool) -> bool:
 def parsed(
     lines: Iterable[tuple[int, str]], separator: str, above: int, comments: bool
 ) -> Iterator[tuple[int, list[str]]]:
-    """Number and cells of the lines below line ``above``; blank lines and comments (#) are passed over.
+    """Yields number and cells of the lines below line ``above``; skips blank lines and comments (#).
 
     Args:
         lines: number and text of each line.
         separator: between the cells.
-        above: the last line that is passed over.
+        above: number of the last line that is skipped.
         comments: whether lines that begin with # are comments.
 
     Raises:
@@ -139,16 +147,16 @@ def parsed(
 
 
 def text_layout(path: Path, *, comments: bool, log: LogInfo | None, key: str) -> Layout:
-    """Finds out how the text table at ``path`` is written, by looking at its first lines.
+    """Finds the format of the text table at ``path`` by its first lines.
 
     Args:
         path: the file.
-        comments: whether lines that begin with # are passed over.
-        log: what is stated of a log, in which lines may stand above the header; None for a table that begins with it.
-        key: of ``log`` in ``bench.toml``, for messages.
+        comments: whether lines that begin with # are skipped.
+        log: description of a log, which may have lines above its header; None for a table that begins with its header.
+        key: section of ``log`` in ``bench.toml``, for messages.
 
     Raises:
-        FileFormatError: for what is no text.
+        FileFormatError: the file is no text.
         TableError: header or decimal sign cannot be determined.
     """
     encoding = encoding_of(path)
@@ -186,7 +194,7 @@ def text_layout(path: Path, *, comments: bool, log: LogInfo | None, key: str) ->
 def _alternatives(
     path: Path, lines: Sequence[tuple[int, str]], candidates: Sequence[str], default: str, comments: bool
 ) -> dict[str, Rows]:
-    """Separator -> the rows, as they are with it. Raises TableError where they are none with the default one."""
+    """Returns separator -> rows. Raises TableError where the default separator gives no rows."""
     found: dict[str, Rows] = {}
     for sign in candidates:
         try:
@@ -198,14 +206,14 @@ def _alternatives(
 
 
 def cells_layout(path: Path, rows: Rows, log: LogInfo | None, key: str) -> Layout:
-    """`text_layout` of a table that comes in cells: ``rows`` are the first of them."""
+    """Finds the format of a table of cells: ``rows`` are its first ones; see `text_layout`."""
     if not rows:
         raise FileFormatError(f"{path}: holds no table")
     return _layout(path, {CELLS: list(rows)}, CELLS, log, key)
 
 
 def _layout(path: Path, alternatives: Mapping[str, Rows], default: str, log: LogInfo | None, key: str) -> Layout:
-    """The layout with the first of the separators with which a header has rows below it; ``default`` without any."""
+    """Returns the format with the first separator for which rows follow a header; ``default`` if there is none."""
     if log is not None and log.columns:
         separator, start = _rows_of_width(path, alternatives, log.columns, key)
         rows = alternatives[separator]
@@ -248,7 +256,7 @@ def _columns_remedy(log: LogInfo | None, key: str, count: int) -> str:
 
 
 def _header_row(alternatives: Mapping[str, Rows]) -> tuple[str, int] | None:
-    """Separator and place of the first row of names with rows of numbers below it."""
+    """Returns separator and index of the first row of names that is followed by rows of numbers."""
     for at in range(max(len(rows) for rows in alternatives.values())):
         for separator, rows in alternatives.items():
             if at >= len(rows) or len([cell for cell in rows[at][1] if cell]) < 2:
@@ -261,7 +269,7 @@ def _header_row(alternatives: Mapping[str, Rows]) -> tuple[str, int] | None:
 
 
 def _rows_of_width(path: Path, alternatives: Mapping[str, Rows], columns: Sequence[str], key: str) -> tuple[str, int]:
-    """Separator and place of the first row of numbers with as many cells as there are stated columns."""
+    """Returns separator and index of the first row of numbers with as many cells as ``columns``."""
     widths: Counter[int] = Counter()
     for separator, rows in alternatives.items():
         for at, (_, cells) in enumerate(rows):
@@ -277,7 +285,7 @@ def _rows_of_width(path: Path, alternatives: Mapping[str, Rows], columns: Sequen
 
 
 def _are_rows(rows: Rows, start: int, width: int) -> bool:
-    """Whether the next rows hold numbers or times in their first ``width`` cells, and none in others."""
+    """Whether the next rows hold numbers or times in their first ``width`` cells, and none in further cells."""
     below = rows[start : start + _CHECKED_ROWS]
     return bool(below) and all(_is_row(cells, width) for _, cells in below)
 
@@ -295,7 +303,7 @@ def _is_value(cell: str) -> bool:
 
 
 def _is_unit_row(rows: Rows, at: int) -> bool:
-    """Whether the row below the header at ``at`` holds units: of another kind than the rows below it."""
+    """Whether the row below the header at ``at`` holds units, unlike the rows below it."""
     if at + 2 >= len(rows):
         return False
     cells = rows[at + 1][1]
@@ -304,7 +312,7 @@ def _is_unit_row(rows: Rows, at: int) -> bool:
 
 
 def _facts(rows: Iterable[Sequence[str]]) -> dict[str, str]:
-    """Name, in small letters -> value, of lines such as "Force Units: N" and of pairs of cells."""
+    """Returns name in small letters -> value, from lines such as "Force Units: N" and from pairs of cells."""
     facts: dict[str, str] = {}
     for cells in rows:
         filled = [cell for cell in cells if cell]
@@ -318,7 +326,7 @@ def _facts(rows: Iterable[Sequence[str]]) -> dict[str, str]:
 
 
 def _states(cell: str, facts: dict[str, str]) -> bool:
-    """Whether a cell of the header is no name but states a value, which is added to the ``facts``."""
+    """Whether a cell of the header states a value instead of a name; the value is added to ``facts``."""
     found = _FACT.match(cell) if "=" in cell else None
     if found:
         facts[found[1].lower()] = found[2]
@@ -328,9 +336,9 @@ def _states(cell: str, facts: dict[str, str]) -> bool:
 def _signs(
     path: Path, separator: str, header: Sequence[str], body: Rows, log: LogInfo | None, key: str
 ) -> tuple[bool, str, bool]:
-    """Whether the decimal sign is a comma, the sign between thousands, and whether numbers are in two cells each.
+    """Returns whether the decimal sign is a comma, the sign between thousands, and whether each number is in two cells.
 
-    Raises TableError where they cannot be told from the rows and are not stated.
+    Raises TableError where the rows do not show them and they are not stated.
     """
     stated = None if log is None else log.decimal_sign
     remedy = f'state {key}.decimal_sign = "," or "." in bench.toml' if log is not None else "export with decimal points"
@@ -361,6 +369,6 @@ def _signs(
 
 
 def _is_grouped(cell: str) -> bool:
-    """Whether the thousands of a number are grouped beyond doubt: two groups, or both signs."""
+    """Whether the thousands of a number are certainly grouped: it has two groups, or both signs."""
     digits = cell.lstrip("+-")
     return bool(_GROUPED.match(cell)) and (len(re.findall(r"[.,]", digits)) > 1)

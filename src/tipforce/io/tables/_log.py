@@ -1,4 +1,4 @@
-"""A log: a table whose rows have times. Reads the times in any form and says what was assumed."""
+"""Reads a log, a table whose rows have times in any form, and lists the assumptions."""
 
 import re
 from dataclasses import dataclass, field
@@ -17,10 +17,10 @@ from ._table import Table
 from ._ticks import UnevenRows, at_rate, spread_within_ticks
 
 MAX_DISORDER_S = 0.1
-"""Rows that are out of order by no more were swapped on their way; where a clock was set back it is more."""
+"""Rows that are out of order by at most this time were swapped in transfer; if the clock was set back it is more."""
 
 MAX_PAUSE_S = 86_400
-"""A longer pause between two rows is no pause but a clock that was set."""
+"""A longer pause between two rows means that the clock was set."""
 
 _DATE_NAMES = ("date", "datum")
 _SEQUENCE = re.compile(r"^rdt ?sequence$", re.IGNORECASE)
@@ -34,8 +34,13 @@ _INTERVAL_UNITS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs":
 class Log:
     """The rows of a log in the order of their times.
 
-    ``stamp_ns`` (n,): strictly rising; ``rows`` (n,): the row of the table that each is. ``time``: what was taken for
-    the time; ``time_names``: its columns; ``remarks``: what was assumed of the times, in sentences.
+    Attributes:
+        table: the table.
+        stamp_ns: (n,) strictly rising stamps.
+        rows: (n,) row of the table of each.
+        time: the columns that were taken as the time, as text.
+        time_names: names of these columns.
+        remarks: the assumptions about the times, in sentences.
     """
 
     table: Table
@@ -47,19 +52,19 @@ class Log:
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """Path of the file."""
         return self.table.path
 
     def place(self, row: int) -> str:
-        """Where a person finds a row."""
+        """Returns the position of a row in the file, for messages."""
         return self.table.place(int(self.rows[row]))
 
     def readings(self, names: list[str]) -> FloatArray:
-        """(n, len(names)): NaN where there is no reading. Raises TableError for a cell that holds another text."""
+        """Returns (n, len(names)) readings; NaN where there is none. Raises TableError for a cell with another text."""
         return self.table.readings(names)[self.rows]
 
     def codes(self, name: str) -> IntArray:
-        """(n,): status codes. Raises TableError."""
+        """Returns the (n,) status codes. Raises TableError."""
         return self.table.codes(name)[self.rows]
 
 
@@ -122,7 +127,7 @@ class _Reader:
             )
 
     def _rate_hz(self) -> tuple[float | None, str]:
-        """Rows per second as ``bench.toml`` or the lines above the table state them, and who states it."""
+        """Returns rows per second as ``bench.toml`` or the lines above the table state them, and the source."""
         if self.info.rate_hz is not None:
             return self.info.rate_hz, f"{self.key}.rate_hz states"
         for name in (*_RATES, *_INTERVALS):
@@ -136,7 +141,7 @@ class _Reader:
         return None, ""
 
     def _names(self, rate_hz: float | None) -> tuple[str, ...]:
-        """The columns of the times; none for a log that has a rate only."""
+        """Returns the columns of the times; none for a log that has only a rate."""
         table, info = self.table, self.info
         if info.time is not None:
             if info.time not in table.columns:
@@ -164,7 +169,7 @@ class _Reader:
         return ()
 
     def _stamps(self, names: tuple[str, ...]) -> tuple[IntArray, IntArray, str]:
-        """Stamps of the rows that have one, those rows, and what was taken for the time."""
+        """Returns the stamps of the rows that have one, these rows, and the columns of the time as text."""
         table, path = self.table, self.table.path
         if names == ("sec", "nanosec"):
             seconds, nanoseconds = (self._numbers(name) for name in names)
@@ -183,7 +188,7 @@ class _Reader:
         return numbers_ns(path, numbers[rows], unit, self._unit_remedy()), rows, f"{name} ({unit})"
 
     def _present(self, names: tuple[str, ...], unit: TimeUnit) -> tuple[IntArray, IntArray, str]:
-        """Stamps of the pair sec and nanosec where some cells are empty or no whole numbers."""
+        """Returns stamps of the pair sec and nanosec where some cells are empty or no whole numbers."""
         pair = self.table.readings(list(names))
         rows = np.flatnonzero(np.isfinite(pair).all(axis=1))
         self._say_without_time(len(pair) - len(rows))
@@ -191,7 +196,7 @@ class _Reader:
         return stamps, rows, "sec + nanosec"
 
     def _texts(self, name: str) -> tuple[IntArray, IntArray, str]:
-        """Stamps of times of day and dates."""
+        """Returns the stamps of times of day and dates, their rows, and their columns as text."""
         table, info = self.table, self.info
         date_name = info.date or next((each for each in table.columns if each.lower() in _DATE_NAMES), None)
         if info.date is not None:
@@ -218,12 +223,12 @@ class _Reader:
         return stamps, rows, name if dates is None else f"{date_name} and {name}"
 
     def _numbers(self, name: str) -> FloatArray | IntArray:
-        """(n,) numbers of a column; whole ones exactly."""
+        """Returns the (n,) numbers of a column; whole numbers are exact."""
         whole = self.table.whole_numbers(name)
         return self.table.readings([name])[:, 0] if whole is None else whole
 
     def _unit(self, name: str) -> TimeUnit:
-        """The unit of a column of numbers: stated, in its name or in the row of units, or read off times since 1970."""
+        """Returns the unit of a column of numbers: stated, in its name, in the row of units, or by times since 1970."""
         unit = self.info.time_unit or named_unit(name) or named_unit(self.table.units.get(name, ""))
         if unit is None:
             numbers = self._numbers(name).astype(np.float64)
@@ -245,7 +250,7 @@ class _Reader:
             self.remarks.append(f"{count} rows without a time are left out")
 
     def _in_order(self, stamps: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
-        """Sorts rows that were swapped on their way, or all if stated. Raises TimeError for other rows out of order."""
+        """Sorts rows that were swapped in transfer, or all if stated. Raises TimeError for other rows out of order."""
         steps = np.diff(stamps)
         if not np.any(steps < 0):
             return stamps, rows
@@ -267,7 +272,7 @@ class _Reader:
         return stamps[order], rows[order]
 
     def _without_repeats(self, stamps: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
-        """Spreads the rows of a coarse clock within its ticks; of few repeats keeps the first."""
+        """Spreads the rows of a coarse clock within its ticks; keeps the first row where only few repeat a stamp."""
         repeats = np.flatnonzero(np.diff(stamps) == 0) + 1
         if not len(repeats):
             return stamps, rows
@@ -301,7 +306,7 @@ class _Reader:
     def _by_sequence(
         self, stamps: IntArray, rows: IntArray, sequence: str, rate_hz: float, stated: str
     ) -> tuple[IntArray, IntArray]:
-        """Times by the number of each row of the sensor and its rate, compared with the log's own coarse clock."""
+        """Returns times by sequence number and rate of the rows, after comparison with the log's coarse clock."""
         numbers = _unwrapped(self.table.whole_numbers(sequence), rows)
         if np.any(np.diff(numbers) <= 0):
             order = np.argsort(numbers, kind="stable")
@@ -331,7 +336,7 @@ class _Reader:
 
 
 def _rate_of(text: str, *, interval: bool) -> float | None:
-    """Rows per second of "1000", "1 kHz" or, as an interval, "1 ms"; None for another text, as with grouped thousands.
+    """Returns the rows per second of "1000", "1 kHz" or, as an interval, "1 ms"; None for another text or with groups.
 
     >>> [_rate_of("2.5 kHz", interval=False), _rate_of("1 ms", interval=True), _rate_of("1,000", interval=False)]
     [2500.0, 1000.0, None]
@@ -347,7 +352,7 @@ def _rate_of(text: str, *, interval: bool) -> float | None:
 
 
 def _unwrapped(numbers: IntArray | None, rows: IntArray) -> IntArray:
-    """Numbers of 32 bits that go on after their end; the rows themselves where there are none."""
+    """Continues numbers of 32 bits after their overflow; returns the rows themselves where there are no numbers."""
     return rows if numbers is None else np.unwrap(numbers[rows], period=1 << 32).astype(np.int64)
 
 
@@ -356,8 +361,8 @@ def open_log(path: Path, info: LogInfo, key: str) -> Log:
 
     Args:
         path: a text table, a workbook (.xlsx) or variables of MATLAB (.mat).
-        info: what is stated of it.
-        key: of ``info`` in ``bench.toml``, for messages.
+        info: description of the log.
+        key: section of ``info`` in ``bench.toml``, for messages.
 
     Raises:
         FileFormatError: the file is no table.

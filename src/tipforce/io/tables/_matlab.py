@@ -1,7 +1,7 @@
-"""Variables of MATLAB (.mat) as tables: version 5 (scipy) and 7.3 (HDF5, h5py).
+"""Reads variables of MATLAB (.mat) as tables: version 5 (scipy) and 7.3 (HDF5, h5py).
 
-The compiled readers of both can crash on a damaged file, so a child process reads the file: this module run as a
-program (``FILE TARGET.npz``).
+The compiled readers of both can crash on a damaged file. Therefore a child process reads the file: it runs this module
+as a program (``FILE TARGET.npz``).
 """
 
 import importlib
@@ -32,18 +32,18 @@ _TABLE_REMEDY = (
 
 
 def open_variables(path: Path, log: LogInfo, key: str) -> ColumnTable:
-    """The variables of a file of MATLAB as a table.
+    """Reads the variables of a file of MATLAB as a table.
 
-    A vector is a column of its name; a field of a struct is STRUCT.FIELD, or FIELD if there is but one struct; a
-    matrix has columns NAME_1, NAME_2, ..., or those that ``log.columns`` names. Columns have the length of the longest.
+    A vector is a column with its name. A field of a struct is a column STRUCT.FIELD, or FIELD if there is only one
+    struct. A matrix has columns NAME_1, NAME_2, ..., or those that ``log.columns`` names. Shorter vectors are left out.
 
     Args:
         path: the file.
-        log: what is stated of it.
-        key: of ``log`` in ``bench.toml``, for messages.
+        log: description of the log.
+        key: section of ``log`` in ``bench.toml``, for messages.
 
     Raises:
-        FileFormatError: the file is none of MATLAB, or holds an object of a class (a table, a timetable).
+        FileFormatError: the file is not of MATLAB, or holds an object of a class (a table, a timetable).
         TableError: it has no columns, or ``log.columns`` does not fit.
         MissingExtraError: the file is of version 7.3 and h5py is not installed.
     """
@@ -75,7 +75,7 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def _read_in_child(path: Path) -> dict[str, Any]:
-    """Vectors (n,) and matrices (n, m) of the file by name."""
+    """Returns vectors (n,) and matrices (n, m) of the file by name."""
     if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
         raise MissingExtraError("h5py", extra="tables")
     with tempfile.TemporaryDirectory(prefix="tipforce-") as folder:
@@ -127,7 +127,7 @@ def _hdf5_variables(path: Path) -> dict[str, Any]:
 
 
 def _flat(variables: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Name -> vector (n,) or matrix (n, m) of numbers, or vector of texts, of all variables and fields."""
+    """Yields name and vector (n,) or matrix (n, m) of numbers, or vector of texts, of all variables and fields."""
     structs = [name for name, value in variables.items() if _fields(value) is not None]
     for name, value in variables.items():
         fields = _fields(value)
@@ -143,7 +143,7 @@ def _is_readable(array: "np.ndarray") -> bool:  # type: ignore[type-arg]
 
 
 def _fields(value: Any) -> dict[str, Any] | None:
-    """Fields of a struct; None for another value."""
+    """Returns the fields of a struct; None for another value."""
     if isinstance(value, dict):
         return value
     names = getattr(value, "_fieldnames", None)

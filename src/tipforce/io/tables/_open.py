@@ -9,13 +9,13 @@ from ._table import Table
 
 
 def open_table(path: Path, *, comments: bool = True, log: LogInfo | None = None, key: str = "") -> Table:
-    """Opens a table; finds separator, header and decimal sign by looking at the first rows.
+    """Opens a table; finds separator, header and decimal sign by its first rows.
 
     Args:
         path: a text file; where ``log`` is given, also a workbook (.xlsx) or the variables of MATLAB (.mat).
-        comments: whether lines that begin with # are passed over.
+        comments: whether lines that begin with # are skipped.
         log: the description of a log, which may have lines above the header; None for a table that begins with it.
-        key: of ``log`` in ``bench.toml``, for messages.
+        key: section of ``log`` in ``bench.toml``, for messages.
 
     Raises:
         FileFormatError: the file is no text.

@@ -1,4 +1,4 @@
-"""Columns of times: which they are, in which unit, and their stamps in nanoseconds."""
+"""Finds columns of times and their units, and converts them to stamps in nanoseconds."""
 
 import re
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ from ._dates import FIRST_YEAR, LAST_YEAR, AmbiguousDates, DateOutside, NoDate, 
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 TIME_UNITS: dict[str, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
-"""Nanoseconds in one of each unit."""
+"""Nanoseconds in each unit."""
 
 MAX_STAMP_S = 2**31
-"""ROS messages hold seconds in 32 bits with a sign."""
+"""Limit of stamps: ROS messages hold seconds in 32 bits with a sign."""
 
 STILL_STEP_NS = 1_000_000_000
 """Images without stamps are taken one second apart, in the order of their rows or names."""
@@ -35,8 +35,8 @@ _UNITS: dict[str, TimeUnit] = {
     "ns": "ns",
 }
 _YEAR_2001_S, _YEAR_2038_S = 1e9, 2**31
-_PLAUSIBLE_HZ = (0.01, 1e5)
-"""Rows per second of a log."""
+PLAUSIBLE_RATE_HZ = (0.01, 1e5)
+"""Plausible rows per second of a log."""
 
 
 class _Rows(Protocol):
@@ -54,7 +54,7 @@ class _Rows(Protocol):
 
 
 def time_columns(columns: Sequence[str]) -> tuple[str, ...]:
-    """Names of the columns that may be the time: stamp_ns alone, the pair of ROS tools, else all with such a name."""
+    """Returns the columns that may be the time: stamp_ns alone, the pair of ROS tools, else all with such a name."""
     if "stamp_ns" in columns:
         return ("stamp_ns",)
     if {"sec", "nanosec"} <= set(columns):
@@ -63,7 +63,7 @@ def time_columns(columns: Sequence[str]) -> tuple[str, ...]:
 
 
 def named_unit(name: str) -> TimeUnit | None:
-    """The unit that the name of a column of times ends in, or that is such a name; None without one.
+    """Returns the unit at the end of the name of a column of times, or the name itself if it is one; None without one.
 
     >>> named_unit("Time [ms]"), named_unit("time_s"), named_unit("time")
     ('ms', 's', None)
@@ -73,10 +73,10 @@ def named_unit(name: str) -> TimeUnit | None:
 
 
 def unit_since_1970(values: FloatArray) -> TimeUnit | None:
-    """The unit of times since 1970 without a unit; None where they are no such times.
+    """Returns the unit of times since 1970 without a unit; None where they are no such times.
 
-    They have to be after 2001, and their steps those of a log: 1.7e12 in steps of 1 are milliseconds, in steps of a
-    million nanoseconds since the start of a machine.
+    They must be after 2001, and their steps those of a log: 1.7e12 in steps of 1 are milliseconds; in steps of a
+    million they are nanoseconds since the start of a computer.
 
     Args:
         values: (n,) times.
@@ -88,25 +88,25 @@ def unit_since_1970(values: FloatArray) -> TimeUnit | None:
     for unit in get_args(TimeUnit):
         ns = TIME_UNITS[unit]
         seconds, step_s = float(np.median(values)) * ns * 1e-9, float(np.median(steps)) * ns * 1e-9
-        if _YEAR_2001_S <= seconds < _YEAR_2038_S and _PLAUSIBLE_HZ[0] <= 1 / step_s <= _PLAUSIBLE_HZ[1]:
+        if _YEAR_2001_S <= seconds < _YEAR_2038_S and PLAUSIBLE_RATE_HZ[0] <= 1 / step_s <= PLAUSIBLE_RATE_HZ[1]:
             return unit
     return None
 
 
 def column_ns(table: _Rows, names: Sequence[str], unit: TimeUnit | None) -> IntArray:
-    """Stamps of a table whose times are all there.
+    """Returns the stamps of a table in which every row has a time.
 
     Args:
-        table: where the times are from.
+        table: the table with the times.
         names: the column, or the pair sec and nanosec.
-        unit: of numbers; None where the name of the column states none.
+        unit: unit of the numbers; None where the name of the column states none.
 
     Returns:
-        (n,) stamps in nanoseconds, as they are in the table; dates since 1970.
+        (n,) stamps in nanoseconds, as in the table; dates since 1970.
 
     Raises:
-        TimeError: a stamp is one that no recording can hold.
-        TableError: a cell is neither number nor date, or the unit is open.
+        TimeError: no recording can hold a stamp.
+        TableError: a cell is neither number nor date, or the unit is unknown.
     """
     if len(names) > 1:
         seconds, nanoseconds = table.whole_numbers("sec"), table.whole_numbers("nanosec")
@@ -126,7 +126,17 @@ def column_ns(table: _Rows, names: Sequence[str], unit: TimeUnit | None) -> IntA
 
 
 def numbers_ns(path: Path, values: FloatArray | IntArray, unit: TimeUnit, remedy: str) -> IntArray:
-    """(n,) ``values`` in ``unit`` as nanoseconds; whole numbers exactly. Raises TimeError as `held` does."""
+    """Converts numbers to nanoseconds; whole numbers exactly.
+
+    Args:
+        path: the file, for the message.
+        values: (n,) times in ``unit``.
+        unit: unit of the times.
+        remedy: the advice in the message.
+
+    Raises:
+        TimeError: no recording can hold them.
+    """
     if values.dtype == np.int64:
         return held(path, values, TIME_UNITS[unit], remedy)
     return held(path, np.rint(values * TIME_UNITS[unit]), 1, remedy)
@@ -135,7 +145,7 @@ def numbers_ns(path: Path, values: FloatArray | IntArray, unit: TimeUnit, remedy
 def held(
     path: Path, values: IntArray | FloatArray, factor: int, remedy: str = "check the unit of its times"
 ) -> IntArray:
-    """``values`` times ``factor`` as whole nanoseconds. Raises TimeError where a recording cannot hold them."""
+    """Returns ``values`` times ``factor`` in whole nanoseconds. Raises TimeError where no recording can hold them."""
     most_s = float(np.abs(values).max()) * factor * 1e-9 if len(values) else 0.0
     if most_s >= MAX_STAMP_S:
         raise TimeError(f"{path}: holds a time of {most_s:.4g} s, past the year 2038; {remedy}")
@@ -153,23 +163,23 @@ def dates_ns(
     dates: Sequence[str] | None = None,
     rows: IntArray | None = None,
 ) -> IntArray:
-    """Stamps of times as text.
+    """Reads the stamps of times as text.
 
     Args:
-        table: where they are from, for messages.
-        column: their column.
+        table: the table with the times, for messages.
+        column: name of their column.
         cells: (n,) texts.
-        order: of day, month and year.
+        order: order of day, month and year.
         remedy: the advice for a cell that is no time, with {} for its text.
-        order_remedy: the advice where the order is open.
-        dates: (n,) dates that have a column of their own.
+        order_remedy: the advice where the order is unknown.
+        dates: (n,) dates, where they are in a column of their own.
         rows: (n,) rows of the table; None: all of them.
 
     Returns:
         (n,) nanoseconds since 1970, or since midnight for times of day.
 
     Raises:
-        TableError: a cell is no time, or the order of day and month is open.
+        TableError: a cell is no time, or the order of day and month is unknown.
         TimeError: a date is before 1970 or after 2037.
     """
     try:

@@ -1,8 +1,8 @@
-"""A table of numbers as laboratories write them: force logs, drives, stamps, ``metadata.csv``, published layouts.
+"""Reads tables of numbers from laboratories: force logs, drives, stamps, ``metadata.csv``, published datasets.
 
 Separator (comma, semicolon, tab, blanks), decimal sign and encoding (UTF-8 with or without a byte order mark, UTF-16,
-Windows) are found by looking at the file. Columns without a name, such as the empty ones that spreadsheets leave at the
-end, are not read. Lines in errors are counted from 1, as an editor does.
+Windows) are found from the file. Columns without a name, such as the empty ones that spreadsheets leave at the end, are
+not read. Errors count lines from 1, as an editor does.
 """
 
 import csv
@@ -30,9 +30,9 @@ class Table:
     Attributes:
         path: The file.
         header: Names of all columns, empty for those without one.
-        columns: The names that there are.
+        columns: Names of the columns that have one.
         units: Column -> unit, where a row below the header states units.
-        facts: What lines above the header state, names in small letters.
+        facts: Name, in small letters, -> value, from lines above the header.
     """
 
     unit_of_place = "line"
@@ -60,7 +60,7 @@ class Table:
         return rows
 
     def no_rows(self) -> TableError:
-        """The error for a table without rows."""
+        """Returns the error for a table without rows."""
         if self._lines != (1, math.inf):
             return TableError(
                 f"{self.path}: has no rows in the lines {self._lines[0]} to {self._lines[1]:g}; see {self._key}.lines "
@@ -69,7 +69,7 @@ class Table:
         return TableError(f"{self.path}: has a header but no rows")
 
     def lines(self) -> Iterator[tuple[int, list[str]]]:
-        """Line number and cells of every row of data; blank lines are passed over, and comments (#) where allowed.
+        """Yields line number and cells of every row of data; skips blank lines, and comments (#) where allowed.
 
         Raises TableError for a row with more cells than the header has columns; in a log these may be words.
         """
@@ -100,24 +100,24 @@ class Table:
         return f"has {len(row)} cells, the header has {len(self.header)}; {remedy}"
 
     def place(self, row: int) -> str:
-        """Where a person finds the ``row``-th row of data."""
+        """Returns the position of row ``row`` of the data in the file, for messages."""
         return f"{self.unit_of_place} {self._rows[row][0]}"
 
     def column(self, name: str) -> int:
-        """Index of a column. Raises TableError that lists those there are."""
+        """Returns the index of a column. Raises TableError with a list of the columns if it is missing."""
         if name not in self.columns:
             raise TableError(f"{self.path}: has no column {name!r}; it has {listed(self.columns)}")
         return self.header.index(name)
 
     def text(self, name: str) -> list[str]:
-        """A column as text."""
+        """Returns a column as text."""
         column = self.column(name)
         return [self._cell(row, line, column) for line, row in self._rows]
 
     def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray:
-        """(n,): a column of finite numbers; NaN for an empty cell where that is allowed.
+        """Returns a column (n,) of finite numbers; NaN for an empty cell where that is allowed.
 
-        Raises TableError that names line and column of a cell that holds none.
+        Raises TableError with line and column of a cell that holds no number.
         """
         if not may_be_empty:
             return self.matrix([name])[:, 0]
@@ -130,7 +130,7 @@ class Table:
         )
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
-        """(n, len(names)): finite numbers. Raises TableError that names line and column of a cell that holds none."""
+        """Returns (n, len(names)) finite numbers. Raises TableError with line and column of a cell that holds none."""
         columns = [self.column(name) for name in names]
         values = None if "_rows" in vars(self) else self._fast(columns, np.float64)
         if values is None or not np.isfinite(values).all():
@@ -140,9 +140,9 @@ class Table:
         return values.reshape(-1, len(columns))
 
     def readings(self, names: Sequence[str]) -> FloatArray:
-        """(n, len(names)): numbers, NaN where a cell is empty, missing or says that there is no reading.
+        """Returns (n, len(names)) numbers; NaN where a cell is empty, missing or states that there is no reading.
 
-        Raises TableError that names line and column of a cell that holds another text.
+        Raises TableError with line and column of a cell that holds another text.
         """
         columns = [self.column(name) for name in names]
         values = self._fast(columns, np.float64)
@@ -155,12 +155,12 @@ class Table:
         return values
 
     def cells(self, name: str) -> list[str]:
-        """(n,) cells of a column; empty where a row is too short."""
+        """Returns the (n,) cells of a column; empty where a row is too short."""
         column = self.column(name)
         return [row[column] if column < len(row) else "" for _, row in self._rows]
 
     def _readings_of(self, name: str) -> FloatArray:
-        """(n,) `readings` of one column, cell by cell."""
+        """Returns the (n,) `readings` of one column, cell by cell."""
         cells = self.cells(name)
         if not (self._layout.decimal_comma or self._layout.thousands):
             try:
@@ -187,7 +187,7 @@ class Table:
         )
 
     def _value(self, text: str) -> float | None:
-        """The finite number that a cell holds; None for another text."""
+        """Returns the finite number in a cell; None for another text."""
         layout = self._layout
         if layout.thousands and layout.thousands in text:
             sign = re.escape(layout.thousands)
@@ -201,7 +201,7 @@ class Table:
         return value if math.isfinite(value) else None
 
     def whole_numbers(self, name: str) -> IntArray | None:
-        """(n,): a column of whole numbers, exact beyond 2**53; None where it holds others."""
+        """Returns a column (n,) of whole numbers, exact beyond 2**53; None where it holds others."""
         if not _WHOLE.match(self.first(name)):
             return None
         values = self._fast([self.column(name)], np.int64)
@@ -213,7 +213,7 @@ class Table:
             return None
 
     def integers(self, name: str) -> IntArray:
-        """(n,): a column of whole numbers, exact beyond 2**53. Raises TableError that names line and column."""
+        """Returns a column (n,) of whole numbers, exact beyond 2**53. Raises TableError with line and column."""
         values = self.whole_numbers(name)
         if values is not None:
             return values
@@ -227,9 +227,9 @@ class Table:
         raise TableError(f"{self.path}, column {name}: expected whole numbers of at most 64 bits")
 
     def codes(self, name: str) -> IntArray:
-        """(n,): a column of status codes, decimal or hexadecimal (0x8000); 0 for an empty cell.
+        """Returns a column (n,) of status codes, decimal or hexadecimal (0x8000); 0 for an empty cell.
 
-        Raises TableError that names line and column of a cell that holds none.
+        Raises TableError with line and column of a cell that holds none.
         """
         hexadecimal = "hex" in name.lower()
         codes: dict[str, int] = {"": 0}
@@ -248,7 +248,7 @@ class Table:
         return np.array([codes[cell] for cell in cells], np.int64)
 
     def time_columns(self) -> tuple[str, ...]:
-        """The columns that hold the rows' times; none where nothing is called a time. Raises TableError for several."""
+        """Returns the columns of the times; none if no column has the name of a time. Raises TableError for several."""
         found = time_columns(self.columns)
         if len(found) > 1 and found != ("sec", "nanosec"):
             raise TableError(
@@ -258,7 +258,7 @@ class Table:
         return found
 
     def stamps_ns(self) -> IntArray | None:
-        """(n,) stamps; None where the table has none. Raises TableError for a cell that is no time."""
+        """Returns the (n,) stamps; None if the table has none. Raises TableError for a cell that is no time."""
         names = self.time_columns()
         if not names:
             return None
@@ -269,12 +269,12 @@ class Table:
         return column_ns(self, names, unit)
 
     def first(self, name: str) -> str:
-        """The first cell of a column that is not empty; empty where there is none."""
+        """Returns the first cell of a column that is not empty; empty if all are."""
         index = self.column(name)
         return next((row[index] for _, row in self.lines() if index < len(row) and row[index]), "")
 
     def _fast(self, columns: list[int], kind: type[np.float64] | type[np.int64]) -> "np.ndarray | None":  # type: ignore[type-arg]
-        """NumPy's own parser, twenty times faster; None where it stumbles, and the slow way finds the cell."""
+        """Reads with NumPy, twenty times faster; returns None where it fails, and the slow way then finds the cell."""
         layout = self._layout
         if layout.thousands or layout.pairs or (layout.decimal_comma and layout.separator == ","):
             return None
@@ -327,7 +327,7 @@ class Table:
 
 
 def _no_wider(lines: Iterable[str], separator: str, width: int) -> Iterator[str]:
-    """The lines. Raises ValueError at one that seems to have more than ``width`` cells."""
+    """Yields the lines. Raises ValueError at one that seems to have more than ``width`` cells."""
     for line in lines:
         count = line.count(separator)
         if count >= width and '"' in line:
@@ -338,7 +338,7 @@ def _no_wider(lines: Iterable[str], separator: str, width: int) -> Iterator[str]
 
 
 def _code(text: str, *, hexadecimal: bool) -> int | None:
-    """The status code that a cell holds; None for another text."""
+    """Returns the status code in a cell; None for another text."""
     try:
         if text[:2].lower() == "0x" or (hexadecimal and "." not in text):
             code = int(text, 16)

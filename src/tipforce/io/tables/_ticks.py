@@ -1,4 +1,4 @@
-"""Times of the rows of a log whose clock is coarser than its rows, or that has none."""
+"""Determines the times of the rows of a log whose clock is coarser than its rows, or that has no clock."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ import numpy as np
 from ...types import IntArray
 
 MIN_TICKS = 5
-"""Fewer different stamps tell no rate."""
+"""Fewest different stamps from which a rate is determined."""
 MAX_RESIDUAL_TICKS = 0.75
-"""Regular rows are at most half a tick from the middle of their tick; the rest is for the jitter of their arrival."""
+"""Largest distance from the middle of a tick in ticks: 0.5 for regular rows, the rest for the jitter of arrival."""
 MAX_RESIDUAL_S = 0.05
-"""How far the stamps may be from rows at a stated rate, if their tick is finer than that."""
+"""Largest distance of the stamps from rows at a stated rate, if their tick is shorter than that."""
 
 
 class UnevenRows(ValueError):
@@ -20,9 +20,14 @@ class UnevenRows(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """``stamp_ns`` (n,): of rows at ``rate_hz``; ``rate_stderr_hz``: its standard error; ``tick_ns``: the clock's step.
+    """Times of rows at a constant rate.
 
-    ``gaps``: how often rows were missing for longer than a tick.
+    Attributes:
+        stamp_ns: (n,) stamps.
+        rate_hz: rows per second.
+        rate_stderr_hz: one standard error of it.
+        tick_ns: step of the clock.
+        gaps: number of pauses longer than a tick.
     """
 
     stamp_ns: IntArray
@@ -33,13 +38,13 @@ class Spread:
 
 
 def spread_within_ticks(stamp_ns: IntArray) -> Spread:
-    """Times of rows that come at a constant rate and that a coarse clock stamped.
+    """Spreads the stamps of rows that come at a constant rate and have a coarse clock.
 
     The rate is the slope of a straight line (least squares) through the middles of the ticks; a pause of more than a
     tick begins a new line with the same slope. The standard error of the rate is that of one rounding per tick.
 
     Args:
-        stamp_ns: (n,) stamps, rising, of which many are the same.
+        stamp_ns: (n,) rising stamps, many of which are equal.
 
     Returns:
         The spread stamps, strictly rising.
@@ -72,15 +77,15 @@ def spread_within_ticks(stamp_ns: IntArray) -> Spread:
 
 
 def at_rate(stamp_ns: IntArray, rows: IntArray, rate_hz: float) -> IntArray:
-    """(n,) times of the rows number ``rows`` (n,) of a log at ``rate_hz``, placed by their stamps.
+    """Returns the times of the rows of a log at a constant rate.
 
     Args:
         stamp_ns: (n,) stamps of the log's own clock.
-        rows: (n,) number of each row, from any start; a number that is missing is a row that was lost.
+        rows: (n,) number of each row, from any start; a missing number is a row that was lost.
         rate_hz: rows per second.
 
     Returns:
-        The times: rows / rate_hz, moved to the mean of the stamps.
+        (n,) times: rows / rate_hz, shifted to the mean of the stamps.
 
     Raises:
         UnevenRows: the stamps are not those of rows at this rate.
@@ -96,6 +101,6 @@ def at_rate(stamp_ns: IntArray, rows: IntArray, rate_hz: float) -> IntArray:
 
 
 def _means(values: "np.ndarray", segments: IntArray) -> "np.ndarray":  # type: ignore[type-arg]
-    """(n,): the mean of each row's segment."""
+    """Returns the (n,) means of the segment of each row."""
     counts = np.bincount(segments)
     return (np.bincount(segments, weights=values) / np.maximum(counts, 1))[segments]

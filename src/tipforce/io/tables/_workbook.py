@@ -1,4 +1,4 @@
-"""Workbooks (.xlsx) as tables."""
+"""Reads workbooks (.xlsx) as tables."""
 
 import datetime
 import importlib
@@ -13,12 +13,12 @@ from ._columns import listed
 
 
 def open_workbook(path: Path, log: LogInfo, key: str) -> CellTable:
-    """The table on one sheet of a workbook.
+    """Reads the table on one sheet of a workbook.
 
     Args:
         path: the workbook.
-        log: what is stated of it; ``sheet``: its sheet, the only one with cells if it is not stated.
-        key: of ``log`` in ``bench.toml``, for messages.
+        log: description of the log; ``sheet`` names the sheet, by default the only one with cells.
+        key: section of ``log`` in ``bench.toml``, for messages.
 
     Raises:
         FileFormatError: the file is no workbook.
@@ -52,7 +52,7 @@ def open_workbook(path: Path, log: LogInfo, key: str) -> CellTable:
 
 
 def _rows(sheet: Any) -> Iterator[tuple[int, list[str]]]:
-    """Number and texts of the rows that are not empty."""
+    """Yields number and texts of the rows that are not empty."""
     for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
         cells = [_text(value) for value in row]
         if any(cells):

@@ -1,8 +1,8 @@
-"""Interlaced video: a frame holds two fields, its even and its odd rows, which were taken half a frame period apart.
+"""Splits interlaced video: a frame holds two fields, its even and its odd rows, half a frame period apart.
 
-Each field becomes an image of its own with its own stamp (FFmpeg's filter ``bwdif`` fills in the rows between). Whether
-the fields of a frame were taken at two instants is stated by the file, often wrongly; the images tell it, too: where
-something moves, rows of two instants are combed.
+Each field becomes an image of its own with its own stamp (FFmpeg's filter ``bwdif`` interpolates the rows between).
+The file states whether the fields of a frame were taken at two instants, often wrongly. The images show it, too: where
+an object moves, rows of two instants form a comb.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -16,33 +16,33 @@ import numpy as np
 from ...types import FloatArray, Image
 
 FieldOrder = Literal["tff", "bff", "one instant"]
-"""Which field of a frame is the earlier one: "tff" the even rows, "bff" the odd rows, or neither."""
+"""The earlier field of a frame: "tff" the even rows, "bff" the odd rows, or neither."""
 _FIELD_ORDERS: dict[int, FieldOrder] = {2: "tff", 3: "bff", 4: "bff", 5: "tff"}
 """FFmpeg's ``AVFieldOrder``; other values are a progressive or unknown order."""
 
-_MOVED_GREY = 12.0
-"""Pixels that change by more grey levels between two frames tell whether their rows are combed."""
-_ENOUGH_PIXELS, _ENOUGH_PAIRS = 1000, 8
-"""So many such pixels in so many pairs of frames, or more, decide."""
-_CLEAR = 0.15
-"""Rows of two frames must be combed by this share more than rows of one frame in the worse of the two pairings."""
-_ONE_INSTANT, _TWO_INSTANTS = 0.6, 0.3
-"""Shares above which the fields of a frame show one instant, and below which they show two: see `FieldEvidence`."""
+MIN_MOVED_GREY = 12.0
+"""Pixels that change by more grey levels between two frames show whether their rows form a comb."""
+MIN_PIXELS, MIN_PAIRS = 1000, 8
+"""Fewest such pixels, and fewest pairs of frames, for a decision."""
+MIN_COMB_EXCESS = 0.15
+"""In the worse of the two pairings, the comb of two frames must exceed that of one frame by this share."""
+MIN_ONE_INSTANT_SHARE, MAX_TWO_INSTANTS_SHARE = 0.6, 0.3
+"""Above the first share the fields of a frame show one instant, below the second two: see `FieldEvidence`."""
 
 
 def stated_order(stream: av.VideoStream) -> FieldOrder:
-    """Returns the order of the fields that a file states; "one instant" where it does not state that there are two."""
+    """Returns the order of the fields that a file states; "one instant" where it states none."""
     return _FIELD_ORDERS.get(stream.codec_context.field_order, "one instant")
 
 
 class FieldEvidence:
-    """Tells from the images whether the two fields of a frame show one instant or two.
+    """Determines from the images whether the two fields of a frame show one instant or two.
 
-    For two successive frames the rows of the even field of one and of the odd field of the other are woven in both
-    ways, beside the rows of one frame. If a frame is one instant, both ways are combed, and alike. If it is two, one of
-    the ways joins two fields half a frame period apart, as those of one frame are, and is combed no more than these.
-    ``share``: how much the less combed way exceeds a frame itself, relative to the more combed one: 1 for one instant,
-    0 for two. Noise and still structure are the same in all three and cancel.
+    For two successive frames the even field of each is joined with the odd field of the other, in both pairings. If a
+    frame is one instant, both pairings form a comb of equal strength. If it is two, one of the pairings joins two
+    fields half a frame period apart, like those of one frame, and its comb is no stronger than theirs. ``share``:
+    excess of the weaker comb over that of one frame, relative to the excess of the stronger one; 1 for one instant, 0
+    for two. Noise and still structure are the same in all three and cancel.
     """
 
     def __init__(self) -> None:
@@ -51,13 +51,13 @@ class FieldEvidence:
         self._pixels = self._pairs = 0
 
     def add(self, grey: Image) -> None:
-        """Takes the next frame, (h, w) uint8, as stored."""
+        """Adds the next frame, (h, w) uint8, as stored."""
         rows = grey[: grey.shape[0] // 2 * 2, ::4].astype(np.float64)
         before, self._before = self._before, rows
         if before is None or before.shape != rows.shape:
             return
         then, now = (before[::2], before[1::2]), (rows[::2], rows[1::2])
-        moved = (np.abs(now[0] - then[0]) > _MOVED_GREY) | (np.abs(now[1] - then[1]) > _MOVED_GREY)
+        moved = (np.abs(now[0] - then[0]) > MIN_MOVED_GREY) | (np.abs(now[1] - then[1]) > MIN_MOVED_GREY)
         count = int(np.count_nonzero(moved[1:-1]))
         if not count:
             return
@@ -67,28 +67,28 @@ class FieldEvidence:
 
     @property
     def share(self) -> float | None:
-        """See above; None where too little has moved so far."""
+        """See the class; None while too few pixels have moved."""
         within, low, high = self._combed[0], min(self._combed[1:]), max(self._combed[1:])
-        if self._pixels < _ENOUGH_PIXELS or self._pairs < _ENOUGH_PAIRS or high < (1.0 + _CLEAR) * within:
+        if self._pixels < MIN_PIXELS or self._pairs < MIN_PAIRS or high < (1.0 + MIN_COMB_EXCESS) * within:
             return None
         return float((low - within) / (high - within))
 
     @property
     def two_instants(self) -> bool | None:
-        """Whether a frame holds two instants; None while it cannot be told."""
+        """Whether a frame holds two instants; None while it is not yet clear."""
         share = self.share
-        if share is None or _TWO_INSTANTS <= share <= _ONE_INSTANT:
+        if share is None or MAX_TWO_INSTANTS_SHARE <= share <= MIN_ONE_INSTANT_SHARE:
             return None
-        return share < _TWO_INSTANTS
+        return share < MAX_TWO_INSTANTS_SHARE
 
     @property
     def earlier_field(self) -> Literal["tff", "bff"]:
-        """Which field is the earlier one where there are two instants: "tff" the even rows, "bff" the odd rows."""
+        """The earlier field where there are two instants: "tff" the even rows, "bff" the odd rows."""
         return "tff" if self._combed[1] < self._combed[2] else "bff"
 
 
 def _combing(even: FloatArray, odd: FloatArray) -> FloatArray:
-    """(n - 2, w): squared difference of each row from the mean of its neighbours of the other field, of both fields."""
+    """Returns (n - 2, w): squared difference of each row from the mean of its neighbours in the other field, summed."""
     of_odd = odd[1:-1] - 0.5 * (even[1:-1] + even[2:])
     of_even = even[1:-1] - 0.5 * (odd[:-2] + odd[1:-1])
     return of_odd**2 + of_even**2
@@ -99,12 +99,12 @@ def split_fields(
 ) -> Iterator[tuple[int, av.VideoFrame]]:
     """Yields stamp and image of each field of the frames that are marked as interlaced; other frames as they are.
 
-    The second field's stamp is half a frame period later than its frame's: half the shorter of the distances to the
-    frames around it, so that nothing lands in the middle of a gap.
+    The stamp of the second field is half a frame period later than that of its frame: half the shorter of the intervals
+    to the frames before and after it, so that no field is in the middle of a gap.
 
     Args:
         frames: stamp in ns and decoded frame, in order.
-        stream: of these frames.
+        stream: the stream of these frames.
         order: called once, at the first frame that is marked; at "one instant" all frames are yielded as they are.
     """
     graph: av.filter.Graph | None = None

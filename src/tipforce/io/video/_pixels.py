@@ -1,7 +1,8 @@
-"""One decoded frame of a video as an image: the right way up, with square pixels, in 8 bits of full range.
+"""Converts a decoded frame of a video to an image: upright, with square pixels, in 8 bits of full range.
 
-What a container or codec states of its pixels is honoured here or refused: display matrix (turned and mirrored), pixel
-aspect ratio, bit depth, limited range of grey, two views in one image. FFmpeg itself converts YUV of either range.
+The properties of pixels that a container or codec states are applied here or refused: display matrix (rotated and
+mirrored), pixel aspect ratio, bit depth, limited range of grey, two views in one image. FFmpeg converts YUV of both
+ranges.
 """
 
 from collections.abc import Callable
@@ -17,10 +18,10 @@ from ...errors import FileFormatError
 from ...types import Image
 from .._square_pixels import square_pixels
 
-_MAX_SKEW = 0.02
-"""A display matrix turns by quarters of a circle alone: its lesser elements are at most this share of the others."""
+MAX_SKEW_SHARE = 0.02
+"""A display matrix rotates by quarters of a circle only: its small elements are at most this share of the others."""
 _LIMITED_RANGE = 1
-"""``color_range`` of grey from 16 (black) to 235 (white)."""
+"""Value of ``color_range`` for grey from 16 (black) to 235 (white)."""
 _SIDE_BY_SIDE, _TOP_AND_BOTTOM, _LAST_ARRANGEMENT = 1, 2, 7
 """FFmpeg's ``AVStereo3DType``: arrangements of two views in one image; 0 is one view, 8 is unspecified."""
 _HALVES = {
@@ -37,13 +38,13 @@ def shown_image(
 
     Args:
         decoded: the frame.
-        stream: of the frame; states the shape of its pixels.
+        stream: the stream of the frame, which states the shape of its pixels.
         where: the file or address, for messages.
         bits_in_use: called for pixels of 16 bits that may hold fewer; returns how many bits are in use.
-        change_stored: called with the image as stored, before it is turned or stretched; returns what is used for it.
+        change_stored: called with the stored image, before it is rotated or stretched; returns the image to use.
 
     Raises:
-        FileFormatError: the frame states something of its pixels that is not read.
+        FileFormatError: the frame states a property of its pixels that is not supported.
     """
     _check_one_view(decoded, where)
     levels = levels_of(decoded, where)
@@ -55,7 +56,7 @@ def shown_image(
 
 
 def _states_its_depth(decoded: av.VideoFrame) -> bool:
-    """Whether the pixel format states the bits in use: grey or RGB of 16 bits may be what a 12-bit camera wrote."""
+    """Whether the pixel format states the bits in use; grey or RGB of 16 bits may be from a camera of 12 bits."""
     return decoded.format.components[0].bits < 16 or not (_is_grey(decoded) or decoded.format.is_rgb)
 
 
@@ -71,7 +72,7 @@ def levels_of(decoded: av.VideoFrame, where: str) -> npt.NDArray[np.uint8 | np.u
         where: the file, for the message.
 
     Raises:
-        FileFormatError: the pixels are floating-point numbers, whose black and white nobody states.
+        FileFormatError: the pixels are floating-point numbers, whose black and white are not stated.
     """
     bits = decoded.format.components[0].bits
     if "f32" in decoded.format.name or "f16" in decoded.format.name:
@@ -129,16 +130,16 @@ def _oriented(image: Image, decoded: av.VideoFrame, where: str) -> Image:
         where: the file, for the message.
 
     Raises:
-        FileFormatError: the matrix turns by another angle than quarters of a circle, or skews.
+        FileFormatError: the matrix rotates by another angle than quarters of a circle, or skews.
     """
     matrix = _side_data(decoded, Type.DISPLAYMATRIX)
     if len(matrix) != 9 or not matrix[[0, 1, 3, 4]].any():
         return image
     (a, b), (c, d) = (int(matrix[0]), int(matrix[1])), (int(matrix[3]), int(matrix[4]))
     straight, crossed = (abs(a), abs(d)), (abs(b), abs(c))
-    if max(crossed) <= _MAX_SKEW * min(straight):
+    if max(crossed) <= MAX_SKEW_SHARE * min(straight):
         across, along = a, d
-    elif max(straight) <= _MAX_SKEW * min(crossed):
+    elif max(straight) <= MAX_SKEW_SHARE * min(crossed):
         image, across, along = np.swapaxes(image, 0, 1), c, b
     else:
         shown = [round(element / 65536, 3) for element in (a, b, c, d)]

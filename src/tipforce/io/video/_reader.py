@@ -17,17 +17,20 @@ from .._images import bits_in_use
 from ._fields import FieldEvidence, FieldOrder, split_fields, stated_order
 from ._pixels import grey_of, levels_of, shown_image
 
-_REMEDY = "to use what is there, cut it out first: ffmpeg -i VIDEO -c copy WHOLE.mp4"
-_BESIDE = Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image | Disposition.dependent
+_REMEDY = "to use the readable part, cut it out first: ffmpeg -i VIDEO -c copy WHOLE.mp4"
+COMPANION_STREAMS = (
+    Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image | Disposition.dependent
+)
 """Streams that accompany a video: a cover, thumbnails, a depth map."""
-_PROBED_FRAMES = 250
-"""So many frames of a video that is marked as interlaced tell whether it is."""
+MAX_PROBED_FRAMES = 250
+"""Number of frames by which a video that is marked as interlaced is checked."""
 
 
 class VideoFile:
-    """A video file, to be read as often as wanted.
+    """A video file that can be read any number of times.
 
-    Raises FileFormatError for what is no video, is cut off, or states something of its images that is not read.
+    Raises FileFormatError for a file that is no video, is cut off, or states a property of its images that is not
+    supported.
     """
 
     def __init__(self, path: Path) -> None:
@@ -45,17 +48,17 @@ class VideoFile:
 
     @property
     def frame_count(self) -> int:
-        """Images that the file says it holds; 0 where it does not say."""
+        """Number of images that the file states; 0 where it states none."""
         return self._stated_frames * (1 if self._order in (None, "one instant") else 2)
 
     def frames(self, view: str = "camera") -> Iterator[Frame]:
         """Yields all images, stamped as mid-exposure: (h, w) grey where the file is grey, else (h, w, 3) RGB.
 
-        They are the right way up, have square pixels and 8 bits. A frame of two fields becomes two images. Of damaged
-        frames, and of those up to the next key frame, which are made from them, only the number is said, as a warning.
+        They are upright, with square pixels and 8 bits. A frame of two fields becomes two images. Damaged frames, and
+        those up to the next key frame, which are made from them, are left out; a warning states their number.
 
         Raises:
-            FileFormatError: the file breaks off, is mostly damaged, or its images are not of one kind.
+            FileFormatError: the file ends early, is mostly damaged, or its images differ in kind.
             TimeError: stamps are missing, repeated or run backwards.
         """
         with _opened(self.path) as container:
@@ -67,29 +70,29 @@ class VideoFile:
     def _stream(self, container: InputContainer) -> av.VideoStream:
         stream = next(each for each in container.streams.video if each.index == self._stream_index)
         stream.thread_type = "AUTO"
-        # a frame within may claim another size than the file's header, which was checked
+        # a frame may claim another size than the header of the file, which was checked
         stream.codec_context.options = {"max_pixels": str(max_pixels())}
         return stream
 
     def _decoded(self) -> Iterator[av.VideoFrame]:
-        """Yields the whole frames of the file, without a word on its faults."""
+        """Yields the undamaged frames of the file, without warnings about its faults."""
         with _opened(self.path) as container:
             yield from (each for each in _Packets(container, self._stream(container)) if each is not None)
 
     def _bits_in_use(self) -> int:
-        """Bits in use in pixels of 16 bits, by the rule for image files: one depth for the whole file."""
+        """Returns the bits in use in pixels of 16 bits, by the rule for image files: one depth for the whole file."""
         if self._bits is None:
             self._bits = bits_in_use(levels_of(decoded, str(self.path)) for decoded in self._decoded())
         return self._bits
 
     def _field_order(self) -> FieldOrder:
-        """Of frames that are marked as interlaced, as the images show it; as stated where too little moves to tell.
+        """Returns the order of the fields as interlaced frames show it, or the stated one without movement.
 
-        Files often state it wrongly, or mark frames of one instant.
+        Files often state it wrongly, or mark frames of one instant as interlaced.
         """
         if self._order is None:
             evidence = FieldEvidence()
-            for decoded in islice(self._decoded(), _PROBED_FRAMES):
+            for decoded in islice(self._decoded(), MAX_PROBED_FRAMES):
                 if decoded.interlaced_frame:
                     evidence.add(grey_of(decoded))
                 if evidence.two_instants is not None:
@@ -107,7 +110,7 @@ class VideoFile:
         return self._order
 
     def _checked(self, frames: Iterator[tuple[int, av.VideoFrame]]) -> Iterator[tuple[int, av.VideoFrame]]:
-        """Refuses images that are not of one size."""
+        """Refuses images that differ in size."""
         size: tuple[int, int] | None = None
         for number, (stamp_ns, decoded) in enumerate(frames):
             here = decoded.width, decoded.height
@@ -121,7 +124,7 @@ class VideoFile:
             yield stamp_ns, decoded
 
     def _unmarked_checked(self, frames: Iterator[tuple[int, av.VideoFrame]]) -> Iterator[tuple[int, av.VideoFrame]]:
-        """Refuses frames that are interlaced without being marked so."""
+        """Refuses frames that are interlaced but not marked so."""
         evidence: FieldEvidence | None = FieldEvidence()
         for stamp_ns, decoded in frames:
             yield stamp_ns, decoded
@@ -163,11 +166,11 @@ def _opened(path: Path) -> InputContainer:
 
 
 def _chosen_stream(path: Path, container: InputContainer) -> av.VideoStream:
-    """The stream that is read: not a cover or thumbnail; of several the default one, else the first of the largest.
+    """Returns the stream to read: no cover or thumbnail; of several the default one, else the first of the largest.
 
     Raises FileFormatError where there is none, or no decoder for it.
     """
-    streams = [stream for stream in container.streams.video if not stream.disposition & _BESIDE]
+    streams = [stream for stream in container.streams.video if not stream.disposition & COMPANION_STREAMS]
     if not streams:
         raise FileFormatError(f"{path}: holds no video stream")
     moving = [stream for stream in streams if stream.frames != 1] or streams
@@ -188,16 +191,16 @@ def _chosen_stream(path: Path, container: InputContainer) -> av.VideoStream:
 
 
 def _missing_bytes(path: Path) -> int:
-    """By how much the boxes that an .mp4 consists of reach beyond the end of the file."""
+    """Returns the number of bytes by which the boxes of an .mp4 extend beyond the end of the file."""
     size, at = path.stat().st_size, 0
     with path.open("rb") as stream:
         while at + 8 <= size:
             stream.seek(at)
             head = stream.read(16)
             length = int.from_bytes(head[:4], "big")
-            if length == 1:  # the length stands behind the name, in 64 bits
+            if length == 1:  # the length follows the name, in 64 bits
                 length = int.from_bytes(head[8:], "big")
-            if length < 8:  # 0: the last box reaches to the end, however far that is
+            if length < 8:  # 0: the last box extends to the end of the file
                 return 0
             at += length
     return max(0, at - size)
@@ -211,7 +214,7 @@ def _stated_count(container: InputContainer, stream: av.VideoStream) -> int:
 
 
 def _undamaged(path: Path, container: InputContainer, stream: av.VideoStream) -> Iterator[tuple[int, av.VideoFrame]]:
-    """Yields stamp in ns and frame of those that are whole; see `VideoFile.frames`."""
+    """Yields stamp in ns and frame of the undamaged frames; see `VideoFile.frames`."""
     packets = _Packets(container, stream)
     count, last, hurt, hurt_at_s, damaged = 0, None, 0, 0.0, False
     try:
@@ -224,9 +227,9 @@ def _undamaged(path: Path, container: InputContainer, stream: av.VideoStream) ->
                 raise TimeError(f"{path}: frame {count} has no time stamp; write the video with time stamps")
             stamp_ns = round(decoded.pts * decoded.time_base * 1_000_000_000)
             if last is not None and stamp_ns <= last:
-                what = "repeats the stamp of" if stamp_ns == last else "is stamped before"
+                fault = "repeats the stamp of" if stamp_ns == last else "is stamped before"
                 raise TimeError(
-                    f"{path}: frame {count} ({stamp_ns * 1e-9:.6f} s) {what} the frame before it "
+                    f"{path}: frame {count} ({stamp_ns * 1e-9:.6f} s) {fault} the frame before it "
                     f"({last * 1e-9:.6f} s); write the video with rising stamps, or as images with a stamps.csv"
                 )
             count, last = count + 1, stamp_ns
@@ -253,9 +256,9 @@ def _undamaged(path: Path, container: InputContainer, stream: av.VideoStream) ->
 
 
 class _Packets:
-    """The decoded frames of a stream, and None for a packet that cannot be decoded.
+    """Yields the decoded frames of a stream, and None for a packet that cannot be decoded.
 
-    ``hidden``: packets so far that the file's edit list leaves out, as a trimmed telephone video does.
+    ``hidden``: number of packets until now that the edit list of the file leaves out, as in a trimmed telephone video.
     """
 
     def __init__(self, container: InputContainer, stream: av.VideoStream) -> None:
@@ -263,7 +266,7 @@ class _Packets:
         self.hidden = 0
 
     def __iter__(self) -> Iterator[av.VideoFrame | None]:
-        # one packet after the other: where an error shows depends on the threads of the decoder
+        # one packet after the other: otherwise the position of an error depends on the threads of the decoder
         for packet in self._container.demux(self._stream):
             self.hidden += packet.is_discard
             try:

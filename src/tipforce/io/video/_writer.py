@@ -1,4 +1,4 @@
-"""Writes video: H.264 that plays in a browser, every frame at its own stamp."""
+"""Writes video: H.264 that plays in a browser, with every frame at its own stamp."""
 
 from collections.abc import Iterable
 from contextlib import ExitStack
@@ -15,17 +15,26 @@ from ..._system.atomic import atomic_path, check_output_file
 from ...errors import FileFormatError, InputError, TimeError
 from ...types import Frame, Image
 
-_TICKS = 90_000
-"""Ticks a second of the files we write: 11 microseconds, the clock of broadcast video."""
+TICKS_PER_S = 90_000
+"""Ticks per second of the files: 11 microseconds each, the clock of broadcast video."""
 
 
 class VideoWriter:
-    """An ``.mp4``, H.264 yuv420p, index in front; a context manager. The name appears when it closes without an error.
+    """Writes an ``.mp4``: H.264 yuv420p, index in front; a context manager.
 
-    ``fps``: the nominal rate; every frame is shown at its own stamp minus ``zero_ns`` (None: the first frame's stamp).
-    ``crf``: quality, 0 to 51; ``preset``: x264's, a faster one makes larger files. The bytes depend on ``threads`` (0:
-    as x264 likes). ``lossless``: every pixel comes back as it was, which needs RGB in place of yuv420p, and browsers do
-    not show that. Sizes that are odd are widened by one pixel. Grey frames become RGB and stay neutral.
+    The file gets its name when it closes without an error. Odd sizes are widened by one pixel. Grey frames become RGB
+    and stay neutral.
+
+    Args:
+        path: the file.
+        fps: nominal rate, frames per second.
+        crf: quality, 0 to 51.
+        preset: preset of x264; a faster one makes larger files.
+        threads: number of threads, 0 for the default of x264; the bytes depend on it.
+        lossless: whether every pixel is restored exactly; this needs RGB in place of yuv420p, which browsers do not
+            show.
+        zero_ns: every frame is shown at its own stamp minus this; None: the stamp of the first frame.
+        overwrite: whether ``path`` may be replaced.
     """
 
     def __init__(
@@ -59,34 +68,34 @@ class VideoWriter:
         self._size: tuple[int, int] | None = None
 
     def write(self, frame: Frame) -> None:
-        """One frame. Raises TimeError where its stamp is not later than the last, InputError where its size changed."""
+        """Writes a frame. Raises TimeError unless its stamp is later than the last, InputError if its size differs."""
         image = _even(frame.image)
         if self._lossless and image.ndim == 2:
             image = np.ascontiguousarray(np.broadcast_to(image[..., None], (*image.shape, 3)))
         if self._zero_ns is None:
             self._zero_ns = frame.stamp_ns
-        ticks = round((frame.stamp_ns - self._zero_ns) * _TICKS / 1_000_000_000)
+        ticks = round((frame.stamp_ns - self._zero_ns) * TICKS_PER_S / 1_000_000_000)
         if ticks <= self._last_ticks:
             raise TimeError(f"{self.path}: the stamp {frame.stamp_ns} ns is not later than the one before it")
         stream, container = self._opened(image)
         if self._size != image.shape[:2]:
             raise InputError(f"{self.path}: a frame of {image.shape[:2]} pixels follows frames of {self._size}")
         raw = av.VideoFrame.from_ndarray(image, format="gray" if image.ndim == 2 else "rgb24")
-        raw.pts, raw.time_base = ticks, Fraction(1, _TICKS)
+        raw.pts, raw.time_base = ticks, Fraction(1, TICKS_PER_S)
         container.mux(stream.encode(raw))
         self._last_ticks = ticks
 
     def _opened(self, image: Image) -> tuple[av.VideoStream, OutputContainer]:
         if self._container is None or self._stream is None:
-            # a first frame later than zero is told in the file's own timescale, which would be milliseconds
+            # the offset of a first frame later than zero is in the timescale of the file, which would be milliseconds
             part = self._file.enter_context(atomic_path(self.path))
-            flags = {"movflags": "faststart", "movie_timescale": str(_TICKS)}
+            flags = {"movflags": "faststart", "movie_timescale": str(TICKS_PER_S)}
             container = av.open(str(part), "w", format="mp4", options=flags)
             codec = "libx264rgb" if self._lossless else "libx264"
             stream = container.add_stream(codec, rate=self._rate, options=self._options)
             stream.height, stream.width = image.shape[:2]
             stream.pix_fmt = "rgb24" if self._lossless else "yuv420p"
-            stream.time_base = stream.codec_context.time_base = Fraction(1, _TICKS)
+            stream.time_base = stream.codec_context.time_base = Fraction(1, TICKS_PER_S)
             self._container, self._stream, self._size = container, stream, image.shape[:2]
         return self._stream, self._container
 
@@ -127,7 +136,21 @@ def write_video(
     lossless: bool = False,
     zero_ns: int | None = None,
 ) -> None:
-    """All ``frames`` as an ``.mp4``: see `VideoWriter`."""
+    """Writes ``frames`` as an ``.mp4``.
+
+    Args:
+        path: the file.
+        frames: the frames in the order of their stamps.
+        fps: nominal rate, frames per second.
+        preset: preset of x264; a faster one makes larger files.
+        threads: number of threads, 0 for the default of x264.
+        lossless: see `VideoWriter`.
+        zero_ns: see `VideoWriter`.
+
+    Raises:
+        TimeError: the stamps do not rise.
+        InputError: the sizes differ, or there are no frames.
+    """
     with VideoWriter(path, fps, preset=preset, threads=threads, lossless=lossless, zero_ns=zero_ns) as video:
         for frame in frames:
             video.write(frame)
