@@ -1,12 +1,14 @@
 """The demo types commands that exist, and trains nothing on the sessions that it judges on."""
 
 import json
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from typer.main import get_command
 
+from tipforce._system.processes import run_child
 from tipforce.cli import app
 from tipforce.errors import TipforceError
 from tipforce.pipelines import _demo, demo
@@ -69,6 +71,27 @@ def test_the_first_force_comes_before_the_other_sessions_are_simulated(typed: li
     assert estimated[1] == "pretrained/compact"
     said = next(line for line in lines if line.startswith("The force in the video after"))
     assert estimated[estimated.index("--overlay") + 1] in said
+
+
+def test_imports_run_side_by_side_on_one_core_each(
+    typed: list[list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: dict[str, set[int | None]] = {}
+    stand_in = _demo.run_child
+
+    def run(command: list[str], **options: int | None) -> object:
+        threads.setdefault(command[3], set()).add(options["threads"])
+        return stand_in(command, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(_demo, "run_child", run)
+    demo(tmp_path / "demo", sessions=3, say=lambda *_: None)
+    assert threads.pop("import") == {1}
+    assert set().union(*threads.values()) == {None}
+
+
+def test_a_child_is_told_how_many_cores_it_may_use() -> None:
+    code = "import os, sys; sys.stderr.write(os.environ['TIPFORCE_CORES'] + os.environ['OMP_NUM_THREADS'])"
+    assert run_child([sys.executable, "-c", code], capture=True, threads=1).stderr == "11"
 
 
 def test_without_torch_fine_tuning_is_skipped_in_a_sentence(

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
 
-from .cores import cores
+from .cores import CORES, cores
 
 ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -238,7 +238,7 @@ _starts = _Starts()
 
 
 def run_child(
-    command: Sequence[str], *, capture: bool = False, timeout_s: float | None = None
+    command: Sequence[str], *, capture: bool = False, timeout_s: float | None = None, threads: int | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Runs a command and waits for it; where the wait ends otherwise, the command ends, too.
 
@@ -246,11 +246,14 @@ def run_child(
         command: the program and its arguments.
         capture: keep what it writes to standard error.
         timeout_s: after which it is ended.
+        threads: cores that it may use; None: all that this process may.
 
     Raises:
         TimeoutExpired: of subprocess, after ``timeout_s``.
     """
     environment = {**os.environ, _PARENT: str(os.getpid())}
+    if threads is not None:
+        environment |= {CORES: str(threads), "OMP_NUM_THREADS": str(threads)}
     error_to = subprocess.PIPE if capture else None
     child: subprocess.Popen[str] | None = None
     try:

@@ -16,9 +16,9 @@ def command(
     ),
     sessions: Annotated[
         int, typer.Option(min=3, max=99, help="Sessions on the simulated bench; the last two are held out.")
-    ] = 8,
+    ] = 6,
     seconds: Annotated[float, typer.Option(min=15, help="Length of each session.")] = 30.0,
-    samples: Annotated[int, typer.Option(min=40, help="Labelled frames that each model is trained on.")] = 600,
+    samples: Annotated[int, typer.Option(min=40, help="Labelled frames that each model is trained on.")] = 400,
     seed: Annotated[int, typer.Option(min=0, help="Of the bench and of all draws.")] = 0,
     json_file: JsonOption = None,
 ) -> None:
