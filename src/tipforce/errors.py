@@ -1,16 +1,16 @@
-"""Everything tipforce raises on purpose, in one tree.
+"""All errors that tipforce raises on purpose, in one tree.
 
 ::
 
-    TipforceError                what was wrong, where, what was expected, what to do next: one sentence
+    TipforceError                one sentence: the fault and its place, the expected value, the next command
     ├── InputError               a file or value given by the user cannot be used
-    │   ├── FileFormatError      a file is missing, empty, truncated or not what its name says
+    │   ├── FileFormatError      a file is missing, empty, truncated or of another type than its name
     │   ├── TableError           a table lacks a column, or a cell is no number
     │   ├── TimeError            stamps are unsorted, repeated, or do not overlap
     │   ├── ModelError           a model folder is incomplete, altered, or newer than this program
     │   ├── OutputError          a file or folder cannot be written
-    │   └── ZeroInContactError   the tip may be in contact: a zero has to be confirmed
-    ├── DeviceError              a device does not answer, or answers what it must not
+    │   └── ZeroInContactError   the tip may be in contact: a zero must be confirmed
+    ├── DeviceError              a device does not respond, or responds with an error
     ├── NotFittedError           an estimator was used before ``fit`` or ``load``
     └── MissingExtraError        an optional package is needed; the message holds the install line
 
@@ -33,7 +33,7 @@ __all__ = [
 
 
 class TipforceError(Exception):
-    """Base of all errors that a user can mend."""
+    """Base of all errors that a user can correct."""
 
 
 class InputError(TipforceError):
@@ -41,7 +41,7 @@ class InputError(TipforceError):
 
 
 class FileFormatError(InputError):
-    """A file is missing, empty, truncated, or not what its name says."""
+    """A file is missing, empty, truncated, or of another type than its name."""
 
 
 class TableError(InputError):
@@ -61,9 +61,9 @@ class OutputError(InputError):
 
 
 class ZeroInContactError(InputError):
-    """The operator's zero would subtract a force that may be real; it has to be confirmed.
+    """The operator's zero would subtract a force that may be real; it must be confirmed.
 
-    ``magnitude_n``: what would be subtracted.
+    ``magnitude_n``: magnitude of this force, N.
     """
 
     def __init__(self, message: str, magnitude_n: float) -> None:
@@ -72,7 +72,7 @@ class ZeroInContactError(InputError):
 
 
 class DeviceError(TipforceError):
-    """A device does not answer, refuses what it is asked for, or answers what it must not."""
+    """A device does not respond, refuses a command, or responds with an error."""
 
 
 class NotFittedError(TipforceError):

@@ -1,8 +1,8 @@
-"""What travels between the packages. SI units; stamps are integer nanoseconds at mid-exposure.
+"""Data types of all packages. SI units; stamps are integer nanoseconds at mid-exposure.
 
 Image coordinates: u right, v down, pixel centres at integers. Base frame: origin at the base, x along the base tangent
 toward the tip, y 90 degrees counter-clockwise from x as seen in the displayed image, z toward the camera.
-Force = what the tissue does to the tip, in the base frame.
+Force: from the tissue on the tip, in the base frame.
 """
 
 from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen

@@ -1,4 +1,4 @@
-"""Array types by meaning, and the one place where shapes are checked."""
+"""Types of arrays by meaning, and the check of their shapes."""
 
 from typing import Any
 
@@ -13,9 +13,16 @@ Image = npt.NDArray[np.uint8]
 
 
 def frozen(name: str, values: Any, shape: tuple[int | None, ...], dtype: Any = np.float64) -> npt.NDArray[Any]:
-    """``values`` as a read-only array of ``shape`` (None: any length).
+    """Returns a read-only array of a given shape.
 
-    Raises ValueError where the shape is another: a wrong shape here is a bug of the caller, not of a user's file.
+    Args:
+        name: name of the array, for the message.
+        values: its values.
+        shape: expected length of each axis; None for any length.
+        dtype: type of its elements.
+
+    Raises:
+        ValueError: the shape differs; this is a bug of the caller, not of a user's file.
     """
     array = np.array(values, dtype=dtype)
     if array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True)):

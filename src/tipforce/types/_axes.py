@@ -1,21 +1,21 @@
-"""Driven axes: what they can do, and what became of a command."""
+"""Driven axes: their limits, and the result of a command."""
 
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 ADVANCE = "advance_mm"
-"""The catheter's clamp, along the base tangent; the free length stays."""
+"""Axis of the catheter's clamp, along the base tangent; the free length stays."""
 KNOB = "knob_deg"
 STAGE_FORWARD, STAGE_ACROSS = "stage_forward_mm", "stage_across_mm"
-"""What moves the tissue: forward, against the tip, and to the left of that as the image shows it."""
+"""Axes of the tissue: forward, against the tip, and to the left of that direction in the image."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
-    """What an axis keeps to, in the unit that its name ends in: positions, speed per s, acceleration per s^2.
+    """Limits of an axis, in the unit at the end of its name: position, speed per s, acceleration per s^2.
 
-    Raises ValueError where they leave no room.
+    Raises ValueError where they allow no motion.
 
     >>> AxisLimits(-10.0, 20.0, 50.0, 1000.0).clipped(25.0)
     20.0
@@ -31,12 +31,12 @@ class AxisLimits:
             raise ValueError(f"an axis needs low < high and positive speed and acceleration, got {self}")
 
     def clipped(self, target: float) -> float:
-        """The nearest position that the axis may go to."""
+        """Returns the nearest position that the axis may go to."""
         return min(max(target, self.low), self.high)
 
 
 def refuse_unknown(names: Iterable[str], limits: Mapping[str, AxisLimits]) -> None:
-    """Raise ValueError where one of ``names`` is not an axis of ``limits``."""
+    """Raises ValueError where one of ``names`` is not an axis of ``limits``."""
     for name in names:
         if name not in limits:
             raise ValueError(f"{name}: there is no such axis; there are {', '.join(limits)}")
@@ -44,9 +44,12 @@ def refuse_unknown(names: Iterable[str], limits: Mapping[str, AxisLimits]) -> No
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
-    """What became of a command: ``targets``, where the axes are going now, and since when.
+    """Result of a command.
 
-    ``clipped``: what was asked for, of those axes that cannot go so far.
+    Attributes:
+        stamp_ns: time of the command.
+        targets: present target of each commanded axis, by name.
+        clipped: requested targets of the axes whose limits do not allow them.
     """
 
     stamp_ns: int
@@ -55,9 +58,16 @@ class Commanded:
 
     @classmethod
     def of(cls, stamp_ns: int, wanted: Mapping[str, float], limits: Mapping[str, AxisLimits]) -> "Commanded":
-        """``wanted`` by the name of the axis, held against ``limits``.
+        """Clips the requested targets to the limits of their axes.
 
-        Raises ValueError, for all of it, where an axis is unknown or a value is not finite.
+        Args:
+            stamp_ns: time of the command.
+            wanted: requested target of each axis, by name.
+            limits: limits of each axis, by name.
+
+        Raises:
+            ValueError: an axis is unknown or a value is not finite; the whole command is refused.
+
 
         >>> Commanded.of(0, {"knob_deg": 99.0}, {"knob_deg": AxisLimits(0.0, 90.0, 60.0, 600.0)})
         Commanded(stamp_ns=0, targets={'knob_deg': 90.0}, clipped={'knob_deg': 99.0})

@@ -1,4 +1,4 @@
-"""Values written into a ``bench.toml`` that a person wrote: line by line, so that comments and order stay."""
+"""Writes values into a ``bench.toml`` of a person, line by line, so that comments and order stay."""
 
 import tomllib
 from collections.abc import Mapping
@@ -10,14 +10,14 @@ from ._session import merged_values
 
 
 def edited_bench(text: str, values: Mapping[str, tuple[Any, str]], where: str = "bench.toml") -> str:
-    r"""``text`` of a ``bench.toml`` with some of its values set.
+    r"""Returns the text of a ``bench.toml`` with some of its values set.
 
-    A line that is replaced stays as a comment above the new one. A new value stands where the file has its line as a
-    comment, as `bench_text` writes them, else at the end of its section.
+    A line that is replaced stays as a comment above the new one. A new value replaces the comment of its line where the
+    file has one, as `bench_text` writes them; otherwise it is added at the end of its section.
 
     Args:
-        text: of the file; may be empty.
-        values: key, as ``catheter.diameter_m`` -> value as JSON has it, and a comment.
+        text: text of the file; may be empty.
+        values: key, as ``catheter.diameter_m`` -> JSON value, and a comment.
         where: the file, for the message.
 
     Raises:
@@ -56,7 +56,7 @@ def edited_bench(text: str, values: Mapping[str, tuple[Any, str]], where: str = 
 
 
 def _set(lines: list[str], section: tuple[str, ...], name: str, written: str) -> list[str]:
-    """``lines`` with ``written`` as the line of ``name`` in ``section``."""
+    """Returns ``lines`` with ``written`` as the line of ``name`` in ``section``."""
     start, end = _section(lines, section)
     if start is None:
         header = "[" + ".".join(toml_key(part) for part in section) + "]"
@@ -75,12 +75,12 @@ def _set(lines: list[str], section: tuple[str, ...], name: str, written: str) ->
     while end > start and not lines[end - 1].strip():
         end -= 1
     while end > start and lines[end - 1].lstrip().startswith("#") and end < len(lines):
-        end -= 1  # what is said of the next section stands above it
+        end -= 1  # a comment on the next section is above its header
     return [*lines[:end], written, *lines[end:]]
 
 
 def _section(lines: list[str], section: tuple[str, ...]) -> tuple[int | None, int]:
-    """The lines of a table, its header left out."""
+    """Returns first and last + 1 line of a table, without its header."""
     start: int | None = None
     for row, line in enumerate(lines):
         if not line.lstrip().startswith("["):
@@ -96,7 +96,7 @@ def _section(lines: list[str], section: tuple[str, ...]) -> tuple[int | None, in
 
 
 def _header(line: str) -> tuple[str, ...] | None:
-    """The path of a table's header; None for a line that is none, as of an array."""
+    """Returns the path of the header of a table; None for a line that is no header, as of an array."""
     try:
         found: Any = tomllib.loads(line)
     except ValueError:
@@ -110,7 +110,7 @@ def _header(line: str) -> tuple[str, ...] | None:
 
 
 def _end_of_value(lines: list[str], row: int, end: int) -> int:
-    """Behind the last line of a value that may take several."""
+    """Returns the line after the last line of a value that may take several lines."""
     for last in range(row + 1, end + 1):
         try:
             tomllib.loads("\n".join(lines[row:last]))

@@ -84,7 +84,7 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
                 "[0.0, 5.0]",
                 "without contact in every session, in seconds of the log: the tare",
             ),
-            ("moving_mass_kg", "0.05", "what rides on a moving sensor"),
+            ("moving_mass_kg", "0.05", "mass on a moving sensor"),
             (
                 "range_n",
                 "[3.0, 3.0, 9.0]",
@@ -93,13 +93,13 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "sensor.log": (
-        "How the force log is written; what is not stated is found in the file.",
+        "Format of the force log; values that are not stated are found in the file.",
         (
             *_TABLE,
             ("fx", '"Fx"', '"-Fx" turns the axis round'),
             ("fy", '"Fy"', ""),
             ("fz", '"Fz"', "toward the camera, if there is one"),
-            ("status", '"Status (hex)"', "the sensor's status code, 0 where all is well"),
+            ("status", '"Status (hex)"', "the sensor's status code, 0 for no fault"),
             ("force_unit", '"N"', "N, kN, cN, mN, kgf, gf (or g), lbf, ozf or counts"),
             ("counts_per_n", "1000.0", "for counts"),
         ),
@@ -109,17 +109,17 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         (
             ("knob_gain_per_m_deg", "0.533", "curvature in 1/m for a degree of the knob"),
             ("knob_offset_per_m", "0.1", "curvature in 1/m with the knob at 0"),
-            ("knob_play_deg", "1.0", "hysteresis of the knob: it turns so far before the catheter follows"),
+            ("knob_play_deg", "1.0", "hysteresis of the knob: it turns by this angle before the catheter follows"),
             ("knob_column", '"knob"', "column of the force log with the knob's angle in degrees"),
             ("constant", "{ knob_deg = 10.0 }", "readings that stay the same and are in no log; names end in the unit"),
         ),
     ),
-    "actuation.log": ("How the log of the drives is written: the keys of sensor.log but force and status.", _UNSHOWN),
+    "actuation.log": ("Format of the log of the drives: the keys of sensor.log but force and status.", _UNSHOWN),
     "stage": (
         "The stage that moves the tissue.",
-        (("clock", '"camera"', "its log runs on the camera's clock; the deflection must tell the clocks otherwise"),),
+        (("clock", '"camera"', "its log runs on the camera's clock; otherwise the deflection matches the clocks"),),
     ),
-    "stage.log": ("How the log of the stage is written: the same keys.", _UNSHOWN),
+    "stage.log": ("Format of the log of the stage: the same keys.", _UNSHOWN),
     "bag": (
         "Topics of a ROS bag or of another program's MCAP; the only topic of its kind needs no line.",
         (
@@ -132,30 +132,30 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         ),
     ),
     "tissue": (
-        "What the tip presses on.",
-        (("stiffness_n_per_m", "120.0", "force over how deep the tip presses in"),),
+        "The tissue at the tip.",
+        (("stiffness_n_per_m", "120.0", "force divided by the depth of the indentation"),),
     ),
 }
-"""Section -> what it is; its keys, each with an example (empty: not shown in the guide) and its meaning."""
+"""Section -> its description; its keys, each with an example (empty: not shown in the guide) and its meaning."""
 
 _MAX_BYTES = 1 << 20
 _DEVICES = ("hardware",)
-"""Tables that describe devices, which no session's metadata hold."""
+"""Tables that describe devices; the metadata of sessions do not contain them."""
 _OTHERS = ("force_frame", "simulated", "preset", "remarks")
 
 
 def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
-    """``info`` as the text of a ``bench.toml``.
+    """Writes metadata as the text of a ``bench.toml``.
 
     Args:
-        info: what is stated; its name is left out, for a bench has many sessions.
-        guide: also write what is not stated, as comments with an example.
+        info: the metadata; the name is left out, because a bench has many sessions.
+        guide: whether values that are not stated are written as comments with an example.
 
     Returns:
-        TOML that `read_bench` reads back to the same metadata.
+        TOML; `read_bench` reads the same metadata from it.
     """
     values = info.values()
-    lines = ["# The bench: everything is optional but what a command asks for. Units are in the names."]
+    lines = ["# The bench: a value is needed only where a command needs it. Units are in the names."]
     lines += [f"{key} = {toml_value(values[key])}" for key in _OTHERS if key in values]
     for section, (about, keys) in _GUIDE.items():
         own: Any = values
@@ -176,18 +176,18 @@ def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
 
 
 def read_bench(path: Path | str) -> SessionInfo:
-    """The metadata that ``bench.toml`` at ``path`` states; its devices are `tipforce.hardware.read_hardware`'s.
+    """Reads the metadata in the ``bench.toml`` at ``path``; `tipforce.hardware.read_hardware` reads the devices in it.
 
     Raises:
         FileFormatError: there is no such file, or it is no TOML.
-        InputError: a key is unknown or a value refused; the message names file, key and what is expected.
+        InputError: a key is unknown or a value refused; the message names file, key and the expected value.
     """
     values = bench_values(path)
     return SessionInfo.from_values({key: value for key, value in values.items() if key not in _DEVICES}, str(path))
 
 
 def bench_values(path: Path | str) -> dict[str, Any]:
-    """All that ``bench.toml`` at ``path`` states, as TOML has it. Raises FileFormatError."""
+    """Returns all values in the ``bench.toml`` at ``path`` as TOML has them. Raises FileFormatError."""
     path = Path(path)
     if path.is_dir():
         raise FileFormatError(f"{path}: is a folder; state the bench.toml in it")
@@ -204,7 +204,7 @@ def bench_values(path: Path | str) -> dict[str, Any]:
 
 
 def info_from_facts(facts: list[str]) -> SessionInfo:
-    """Single values as they are typed: ``KEY=VALUE`` with the keys of ``bench.toml``.
+    """Reads single values from texts ``KEY=VALUE`` with the keys of ``bench.toml``.
 
     Args:
         facts: for example ``["catheter.diameter_m=2.33e-3", "views.camera.base_side=left"]``.
@@ -234,12 +234,12 @@ def info_from_facts(facts: list[str]) -> SessionInfo:
 
 
 def toml_key(name: str) -> str:
-    """``name`` as a key of TOML."""
+    """Returns ``name`` as a key of TOML."""
     return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else _text(name)
 
 
 def toml_value(value: Any) -> str:
-    """A JSON value in TOML."""
+    """Returns a JSON value in TOML."""
     if isinstance(value, dict):
         inner = ", ".join(f"{toml_key(key)} = {toml_value(each)}" for key, each in value.items())
         return f"{{ {inner} }}"
@@ -251,5 +251,5 @@ def toml_value(value: Any) -> str:
 
 
 def _text(value: str) -> str:
-    """A basic string of TOML: as JSON, which lets the control character DEL stand."""
+    """Returns a basic string of TOML: JSON, but with the control character DEL escaped."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

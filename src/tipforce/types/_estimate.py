@@ -1,4 +1,4 @@
-"""What an estimator answers: a force with its uncertainty, or a plain "not valid" with the reason."""
+"""The result of an estimator: a force with its uncertainty, or "not valid" with the reason."""
 
 import math
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from ._shape import DetectedShape
 from ._status import Status
 
 MAX_AGE_S = 1.0
-"""No force counts whose image is older, whatever the settings and however slow the camera: live and in the loop."""
+"""No force is used whose image is older, for any settings and any rate of the camera: live and in the loop."""
 
 _NO_INTERVAL = (math.nan, math.nan)
 
@@ -20,17 +20,25 @@ _NO_INTERVAL = (math.nan, math.nan)
 class ForceEstimate:
     """Force of the tissue on the tip, base frame, newtons, at one instant.
 
-    ``force_n`` (3,), ``known`` (3,) bool: a planar method leaves z unknown, a method that yields the magnitude alone
-    leaves all three unknown; unknown components are NaN. ``covariance_n2`` (3, 3), NaN where unknown.
-    ``interval_n`` (3, 2) and ``magnitude_interval_n`` (2,): 90 % intervals. An invalid estimate carries NaN
-    everywhere, never an old number. ``contact``: probability that the tip touches anything, NaN from methods that do
-    not estimate it. ``shape``: the catheter as it was detected in the image, None from methods that detect none.
+    An invalid estimate has NaN everywhere, never an old number.
 
-    ``abstained_interval_n``: 90 % interval of the magnitude of an estimate that is invalid because this interval is too
-    wide, or spans two sources that contradict each other; NaN in every other case. It is for safety alone, which has
-    to act on its upper end; it is never displayed as a force.
-
-    ``source``: the member of a combined method that the force is from; None from a method without members.
+    Attributes:
+        stamp_ns: mid-exposure of the image.
+        force_n: (3,) force, N; NaN in unknown components.
+        known: (3,) whether each component is known: a planar method leaves z unknown, and a method that yields only the
+            magnitude leaves all three unknown.
+        covariance_n2: (3, 3) covariance, N^2; NaN where unknown.
+        interval_n: (3, 2) 90 % interval of each component, N.
+        magnitude_n: magnitude, N.
+        magnitude_interval_n: (2,) 90 % interval of the magnitude, N.
+        status: `Status.VALID`, or the reason why there is no force.
+        detail: the reason in one line.
+        contact: probability that the tip touches anything; NaN from methods that do not estimate it.
+        shape: the catheter as detected in the image; None from methods that detect none.
+        abstained_interval_n: 90 % interval of the magnitude of an estimate that is invalid because this interval is too
+            wide, or spans two sources that differ too much; NaN in every other case. It is for safety functions only,
+            which must act on its upper end; it is never displayed as a force.
+        source: the member of a combined method that gave the force; None from a method without members.
     """
 
     stamp_ns: int
@@ -62,12 +70,12 @@ class ForceEstimate:
 
     @property
     def valid(self) -> bool:
-        """True where the numbers may be used."""
+        """Whether the numbers may be used."""
         return self.status is Status.VALID
 
     @property
     def upper_n(self) -> float:
-        """Upper end of the magnitude's 90 % interval, also of an estimate that abstains; NaN where it is unknown.
+        """Upper end of the 90 % interval of the magnitude, also of an estimate that abstains; NaN where it is unknown.
 
         A valid estimate without an interval has its magnitude here.
 
@@ -82,7 +90,7 @@ class ForceEstimate:
     def checked(self) -> "ForceEstimate":
         """Returns this estimate, or an invalid one with the reason where its numbers cannot be a force.
 
-        Every estimator is checked so before anybody uses what it returns.
+        This check is made for every estimator before its result is used.
         """
         wrong = self._impossible() if self.valid else ""
         if not wrong:
@@ -90,7 +98,7 @@ class ForceEstimate:
         return self.invalid(self.stamp_ns, Status.UNOBSERVABLE, f"the method returned {wrong}", self.shape)
 
     def _impossible(self) -> str:
-        """Which number cannot be, and what was expected; empty where all can be."""
+        """Returns the impossible number and the expected one as text; empty if all are possible."""
         if not 0.0 <= self.magnitude_n < math.inf:
             return f"a magnitude of {self.magnitude_n:g} N; expected a finite number of at least 0"
         components = self.force_n[self.known]
@@ -116,7 +124,7 @@ class ForceEstimate:
         shape: DetectedShape | None = None,
         abstained_interval_n: tuple[float, float] = _NO_INTERVAL,
     ) -> "ForceEstimate":
-        """Returns an estimate that says why there is no force.
+        """Returns an estimate that states why there is no force.
 
         Args:
             stamp_ns: mid-exposure of the image.

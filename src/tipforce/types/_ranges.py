@@ -1,6 +1,6 @@
-"""What is plausible at a bench: one place for the limits of all physical values that a person or a file states.
+"""Plausible ranges of all physical values that a person or a file states.
 
-They are wide: they find wrong units and nonsense, not unusual laboratories.
+They are wide: they find wrong units and senseless numbers, not unusual laboratories.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from ._arrays import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """From ``low`` to ``high`` in ``unit``; ``other``: a unit that it is often mistaken for, times ``factor``."""
+    """From ``low`` to ``high`` in ``unit``. ``other``: unit with which it is often confused; ``factor`` converts it."""
 
     low: float
     high: float
@@ -24,7 +24,7 @@ class Range:
         return f"{self.low:g} to {self.high:g} {self.unit}".strip()
 
     def hint(self, value: float) -> str:
-        """What to write instead, if ``value`` was meant in the other unit.
+        """Returns the advice for a ``value`` that is probably in the other unit, else an empty text.
 
         >>> RANGES["diameter_m"].hint(2.33)
         '; it is in metres: for 2.33 mm write 0.00233'
@@ -35,12 +35,12 @@ class Range:
         return f"; it is in {self.unit}: for {value:g} {self.other} write {meant:g}"
 
     def outside(self, values: FloatArray) -> int | None:
-        """The first of ``values`` (n,) that lies outside; NaN is no value."""
+        """Returns the index of the first of ``values`` (n,) that is outside; None if none is. NaN counts as inside."""
         found = np.flatnonzero((values < self.low) | (values > self.high))
         return int(found[0]) if len(found) else None
 
 
-_SHARE = Range(1e-6, 1.0, "shares", "%", 1e-2)
+UNCERTAINTY_RANGE = Range(1e-6, 1.0, "shares", "%", 1e-2)
 RANGES = {
     "diameter_m": Range(5e-5, 0.05, "metres", "mm", 1e-3),
     "flexible_length_m": Range(1e-4, 2.0, "metres", "mm", 1e-3),
@@ -56,18 +56,18 @@ RANGES = {
     "rate_hz": Range(1e-3, 1e6, "rows per second"),
     "stiffness_n_per_m": Range(1.0, 1e5, "N/m", "N/mm", 1e3),
     "angle_deg": Range(-360.0, 360.0, "degrees"),
-    "flexible_length_uncertainty": _SHARE,
-    "bending_stiffness_uncertainty": _SHARE,
-    "metres_per_px_uncertainty": _SHARE,
+    "flexible_length_uncertainty": UNCERTAINTY_RANGE,
+    "bending_stiffness_uncertainty": UNCERTAINTY_RANGE,
+    "metres_per_px_uncertainty": UNCERTAINTY_RANGE,
     "tilt_uncertainty_deg": Range(0.01, 90.0, "degrees"),
 }
-"""Key of the session's metadata -> what it may be."""
+"""Key of the session metadata -> range."""
 
 FORCE_RANGE = Range(-1e4, 1e4, "N")
-"""What a force sensor at a catheter may read."""
+"""Range of the readings of a force sensor at a catheter."""
 
-_KNOB = Range(-720.0, 720.0, "degrees")
-_OF_UNIT = {
+KNOB_RANGE = Range(-720.0, 720.0, "degrees")
+RANGE_BY_UNIT = {
     "deg": Range(-36e3, 36e3, "degrees"),
     "rad": Range(-628.0, 628.0, "radians"),
     "m": Range(-100.0, 100.0, "metres", "mm", 1e-3),
@@ -83,15 +83,15 @@ _OF_UNIT = {
     "mn": Range(-1e8, 1e8, "mN"),
     "nmm": Range(-1e7, 1e7, "N mm"),
 }
-_ANY = Range(-1e12, 1e12, "")
+UNLIMITED_RANGE = Range(-1e12, 1e12, "")
 
 
 def actuation_range(name: str) -> Range:
-    """What a reading of a drive called NAME_UNIT may be.
+    """Returns the range of the readings of a drive with the name NAME_UNIT.
 
     >>> str(actuation_range("knob_deg")), str(actuation_range("stage_forward_mm"))
     ('-720 to 720 degrees', '-100000 to 100000 mm')
     """
     if name == "knob_deg":
-        return _KNOB
-    return _OF_UNIT.get(name.rpartition("_")[2].lower(), _ANY)
+        return KNOB_RANGE
+    return RANGE_BY_UNIT.get(name.rpartition("_")[2].lower(), UNLIMITED_RANGE)

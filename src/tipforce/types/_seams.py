@@ -1,4 +1,4 @@
-"""The seams between the packages and the world: sources of events, driven axes, and time."""
+"""Interfaces between the packages and their environment: sources of events, driven axes, and clocks."""
 
 import sys
 import time
@@ -17,7 +17,7 @@ class Source(Protocol):
 
     @property
     def session_info(self) -> SessionInfo:
-        """What is publicly known of this session."""
+        """The metadata of this session."""
         ...
 
     def __iter__(self) -> Iterator[Event]: ...
@@ -33,32 +33,32 @@ class Source(Protocol):
 class Actuators(Protocol):
     """Drives of a bench. A context manager: leaving it stops all of them.
 
-    Each axis has a name that ends in its unit: ``advance_mm``, ``knob_deg``, ``stage_forward_mm``, ``stage_across_mm``,
-    or those of them that there are. Advancing the catheter moves its clamp along the base tangent; the free length
-    stays. Positions count from where the bench was set up. What is asked of a motor controller is no more than most
-    have: a target that may be changed while the axis is still on its way, soft limits, a stop with the ramp of its
-    acceleration, a position to be read.
+    Each axis has a name that ends in its unit: ``advance_mm``, ``knob_deg``, ``stage_forward_mm``, ``stage_across_mm``;
+    a bench may have only some of them. Advancing the catheter moves its clamp along the base tangent; the free length
+    stays. Positions count from the setup of the bench. A motor controller needs only common functions: a target that
+    may be changed during the motion, soft limits, a stop with the ramp of its acceleration, and a position that can be
+    read.
     """
 
     @property
     def limits(self) -> Mapping[str, AxisLimits]:
-        """The axes that there are, and what each keeps to."""
+        """The limits of each axis, by name."""
         ...
 
     def command(self, targets: Mapping[str, float]) -> Commanded:
-        """Send axes on their way, each to its own target, and return at once; the others go on as they were.
+        """Starts the motion of each axis to its own target and returns immediately; the other axes are not affected.
 
-        A target beyond an axis's limits is clipped, which the answer tells. Raises ValueError, and moves nothing,
-        where an axis is unknown or a value is not finite.
+        A target beyond the limits of its axis is clipped, which the result states. Raises ValueError, and moves
+        nothing, where an axis is unknown or a value is not finite.
         """
         ...
 
     def read(self) -> Actuation:
-        """Where all axes are now, as measured; no more exact than their steps."""
+        """Returns the measured positions of all axes; their resolution is one step of the motor."""
         ...
 
     def stop(self, *axes: str) -> None:
-        """Bring these axes, or all, to rest as fast as they can brake; they stay there until they are commanded.
+        """Brings these axes, or all, to rest with their largest deceleration; they stay there until the next command.
 
         Raises ValueError where an axis is unknown.
         """
@@ -72,39 +72,39 @@ class Actuators(Protocol):
 
 
 class Clock(Protocol):
-    """Time of a loop: real, or simulated and then faster than real."""
+    """Clock of a loop: real, or simulated and then faster than real."""
 
     def now_ns(self) -> int:
-        """Nanoseconds since this clock's own zero."""
+        """Returns the nanoseconds since the zero of this clock."""
         ...
 
     def sleep_until_ns(self, stamp_ns: int) -> None:
-        """Return at ``stamp_ns``, at once where that has passed."""
+        """Returns at ``stamp_ns``, immediately if this has passed."""
         ...
 
 
 def _machine_ns() -> int:
-    """A monotonic clock that goes on while the computer sleeps: that of Linux with this name stands still."""
+    """Returns a monotonic time that includes the sleep of the computer; `time.monotonic_ns` of Linux excludes it."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) if sys.platform == "linux" else time.monotonic_ns()
 
 
 class SystemClock:
-    """The machine's monotonic clock, which goes on while it sleeps; it starts at ``start_ns``, or anywhere."""
+    """The monotonic clock of the machine, which includes its sleep; it starts at ``start_ns``, or anywhere."""
 
     def __init__(self, start_ns: int | None = None) -> None:
         self._zero_ns = 0 if start_ns is None else _machine_ns() - start_ns
 
     def now_ns(self) -> int:
-        """Nanoseconds since its zero."""
+        """Returns the nanoseconds since its zero."""
         return _machine_ns() - self._zero_ns
 
     def sleep_until_ns(self, stamp_ns: int) -> None:
-        """Sleep for what is left until ``stamp_ns``."""
+        """Sleeps until ``stamp_ns``."""
         time.sleep(max(0, stamp_ns - self.now_ns()) * 1e-9)
 
 
 class SimulatedClock:
-    """A clock that stands still until it is told to go on.
+    """A clock that only advances when it is set.
 
     >>> clock = SimulatedClock()
     >>> clock.sleep_until_ns(1_000_000)
@@ -116,9 +116,9 @@ class SimulatedClock:
         self._now_ns = start_ns
 
     def now_ns(self) -> int:
-        """Nanoseconds of simulated time."""
+        """Returns the nanoseconds of simulated time."""
         return self._now_ns
 
     def sleep_until_ns(self, stamp_ns: int) -> None:
-        """Move on to ``stamp_ns`` without waiting."""
+        """Advances to ``stamp_ns`` without waiting."""
         self._now_ns = max(self._now_ns, stamp_ns)

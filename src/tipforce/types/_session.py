@@ -1,6 +1,6 @@
-"""Public metadata of a session: what ``bench.toml`` states, what a recording and a dataset carry, in SI units.
+"""Public metadata of a session, as ``bench.toml``, a recording and a dataset contain them, in SI units.
 
-Every field is optional. A method declares those that it needs by their key, as `stated_keys` names them.
+Every field is optional. A method declares the fields that it needs by their key, as `stated_keys` names them.
 """
 
 import math
@@ -22,7 +22,7 @@ Box = tuple[_Pixel, _Pixel, _Pixel, _Pixel]
 """(u0, v0, u1, v1) in pixels: left, top, right, bottom, the last two exclusive; it is clipped to the image."""
 
 Reads = Literal["tip-on-tissue", "tissue-on-tip"]
-"""Which of the two opposite forces at the contact a sensor shows."""
+"""The force that a sensor shows, of the two opposite forces at the contact."""
 
 _STRICT: dict[str, Any] = {"extra": "forbid", "allow_inf_nan": False}
 
@@ -33,11 +33,18 @@ def _within(key: str) -> Interval:
 
 @dataclass(frozen=True, slots=True)
 class Catheter:
-    """Nominal values of one catheter; None where nobody measured it. ``rigid_length_m`` is 0 without a rigid tip.
+    """Nominal values of one catheter; None where unknown.
 
-    ``_uncertainty``: relative standard uncertainty of the value of that name (GUM: a tolerance over the root of 3).
-    ``stiffness_profile``: (share of the flexible length from the base, stiffness over the nominal one), for a shaft
-    whose stiffness changes along its length.
+    Attributes:
+        name: name of the catheter.
+        diameter_m: outer diameter of the shaft, m.
+        flexible_length_m: from the clamp or the mouth of the sheath to the rigid tip, m.
+        rigid_length_m: length of the rigid tip, m; 0 without one.
+        bending_stiffness_nm2: EI of the flexible part, N m^2.
+        stiffness_profile: (share of the flexible length from the base, stiffness divided by the nominal one), for a
+            shaft whose stiffness changes along its length.
+        flexible_length_uncertainty: relative standard uncertainty (GUM: a tolerance divided by the root of 3).
+        bending_stiffness_uncertainty: relative standard uncertainty.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -54,14 +61,20 @@ class Catheter:
 
 @dataclass(frozen=True, slots=True)
 class ViewInfo:
-    """One view. ``metres_per_px``: scale in the plane in which the catheter bends.
+    """Metadata of one view.
 
-    ``metres_per_px_uncertainty``: its relative standard uncertainty; ``tilt_uncertainty_deg``: standard uncertainty of
-    the angle between that plane and the image, about either of its axes.
-    ``base_side``: the border of the image that the catheter comes from; ``base_region``: a box across the shaft where
-    the base lies, for a catheter that does not reach the border; ``roi``: the part of the image to look at;
-    ``polarity``: whether the catheter is darker or lighter than the ground. ``projection``: (3, 4), from metres in
-    ``projection_frame`` to pixels; frame "isocentre": x to the patient's left, y to the back, z to the head.
+    Attributes:
+        metres_per_px: scale in the plane in which the catheter bends, m.
+        base_side: border of the image from which the catheter comes.
+        base_region: box across the shaft at its base, for a catheter that does not reach the border.
+        roi: part of the image that is searched.
+        polarity: whether the catheter is darker or lighter than the ground.
+        modality: kind of image.
+        projection: (3, 4) matrix from metres in ``projection_frame`` to pixels.
+        projection_frame: "base", or "isocentre": x to the patient's left, y to the back, z to the head.
+        metres_per_px_uncertainty: relative standard uncertainty of the scale.
+        tilt_uncertainty_deg: standard uncertainty of the angle between plane of bending and image, about either of its
+            axes, degrees.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -84,16 +97,21 @@ DateOrder = Literal["dmy", "mdy", "ymd"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogInfo:
-    """How the table of a log is written; None or empty: found in the file.
+    """Format of the table of a log; values that are None or empty are found in the file.
 
-    ``time``: the column with the times; ``date``: the column with the dates, if the times are times of day.
-    ``time_unit``: for times that are numbers; ``date_order``: for dates of numbers. ``rate_hz``: rows per second, for a
-    log without times and for one whose clock is so coarse that many rows have the same stamp.
-    ``columns``: the names of all columns, from left to right, for a log without a header row or with other names.
-    ``decimal_sign``: the other of the two signs then groups the thousands. ``missing``: texts of cells without a
-    reading. ``lines``: the first and the last line of the file that are read. ``sort``: rows that are not in the order
-    of their stamps are sorted. ``repeated_stamps``: "first" keeps the first row of each stamp. ``sheet``: the sheet of
-    a workbook.
+    Attributes:
+        time: column with the times.
+        date: column with the dates, if the times are times of day.
+        time_unit: unit of times that are numbers.
+        date_order: order of day, month and year in dates of numbers.
+        rate_hz: rows per second, for a log without times or with a clock so coarse that rows have equal stamps.
+        columns: names of all columns, from left to right, for a log without a header row or with other names.
+        decimal_sign: decimal sign; the other of the two then groups the thousands.
+        missing: texts of cells without a reading.
+        lines: first and last line of the file that are read.
+        sort: whether rows that are not in the order of their stamps are sorted.
+        repeated_stamps: "first" keeps the first row of each stamp.
+        sheet: sheet of a workbook.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -114,10 +132,15 @@ class LogInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceLogInfo(LogInfo):
-    """Which columns of a force log hold the axes, and their unit; None: found by the log's header.
+    """Columns and unit of a force log; None: found by its header.
 
-    A leading "-" turns an axis round: ``fx="-Fy"``. ``status``: the column with the sensor's status code, where 0 means
-    that all is well; empty: none is read. ``counts_per_n``: the sensor's sensitivity, for counts.
+    Attributes:
+        fx: column of the x axis; a leading "-" reverses the axis: ``fx="-Fy"``.
+        fy: column of the y axis.
+        fz: column of the z axis.
+        status: column with the status code of the sensor, 0 for no fault; empty: none is read.
+        force_unit: unit of the forces.
+        counts_per_n: sensitivity of the sensor, for counts.
     """
 
     fx: str | None = None
@@ -130,12 +153,16 @@ class ForceLogInfo(LogInfo):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BagInfo:
-    """Topics of a ROS bag, or of another program's MCAP; what is not stated: the only topic of its kind is taken.
+    """Topics of a ROS bag, or of an MCAP file of another program; by default the only topic of its kind is taken.
 
-    ``views``: view -> topic of images; ``force``: topic of the sensor's wrenches; ``drives`` and ``stage``: topics with
-    the readings of the catheter's drives and of the stage (JointState, or one number), empty for none. ``names``:
-    joint, or topic of numbers -> NAME_UNIT. ``receive_times``: topics whose messages are placed at the time at which
-    they were received, because they have no stamp of their own or a wrong one.
+    Attributes:
+        views: view -> topic of images.
+        force: topic of the sensor's wrenches.
+        drives: topics with the readings of the catheter's drives (JointState, or one number); empty for none.
+        stage: topics with the readings of the stage; empty for none.
+        names: joint, or topic of numbers -> NAME_UNIT.
+        receive_times: topics whose messages are placed at the time at which they were received, because they have no
+            stamp of their own or a wrong one.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -152,7 +179,9 @@ class BagInfo:
 class StageInfo:
     """The stage that moves the tissue.
 
-    ``log``: how its log is written. ``clock``: "camera" where that runs on the camera's clock.
+    Attributes:
+        log: format of its log.
+        clock: "camera" where its log runs on the clock of the camera.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -168,11 +197,15 @@ _LargestReading = Annotated[float, _within("range_n")]
 class SensorInfo:
     """The force sensor at the bench.
 
-    ``angle_deg``: its x axis, counter-clockwise from the base x axis as seen in the displayed image; its z axis points
-    to the camera. ``reads``: a sensor under the tissue reads tip-on-tissue. ``no_contact_s``: a stretch without
-    contact, in seconds since its log's first row, which gives the tare. ``moving_mass_kg``: what moves with the sensor.
-    ``range_n``: (3,) largest reading of fx, fy, fz by the data sheet; readings there are clipped. ``log``: how its log
-    is to be read.
+    Attributes:
+        angle_deg: direction of its x axis, degrees counter-clockwise from the base x axis in the displayed image; its z
+            axis points to the camera.
+        reads: a sensor under the tissue reads tip-on-tissue.
+        no_contact_s: start and end of a stretch without contact, s since the first row of its log, which gives the
+            tare.
+        moving_mass_kg: mass that moves with the sensor, kg.
+        range_n: (3,) largest reading of fx, fy, fz by the data sheet, N; readings there are clipped.
+        log: format of its log.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -188,7 +221,7 @@ class SensorInfo:
     def matrix(self) -> FloatArray:
         """(3, 3): force of the tissue on the tip in the base frame = matrix @ (reading - tare).
 
-        An angle that is not stated counts as 0, what the sensor reads as tip-on-tissue.
+        If they are not stated, the angle counts as 0, and the reading as tip-on-tissue.
 
         >>> np.round(SensorInfo(angle_deg=90.0).matrix @ [1.0, 0.0, 0.0], 6) + 0.0
         array([ 0., -1.,  0.])
@@ -201,12 +234,15 @@ class SensorInfo:
 
 @dataclass(frozen=True, slots=True)
 class ActuationInfo:
-    """The catheter's drives. ``knob_gain_per_m_deg``: curvature in 1/m that a degree of the knob asks for.
+    """The catheter's drives.
 
-    ``knob_offset_per_m``: curvature with the knob at 0; ``knob_play_deg``: width of its hysteresis.
-    ``knob_column``: column of the force log that holds the knob's angle, NAME_UNIT or else in degrees.
-    ``constant``: readings that stayed the same all the time and are in no log, as ``{"knob_deg": 10.0}``; every name
-    ends in its unit. ``log``: how the log of the drives is written.
+    Attributes:
+        knob_gain_per_m_deg: curvature, 1/m, for a degree of the knob.
+        knob_column: column of the force log with the knob's angle, NAME_UNIT or else in degrees.
+        constant: readings that are constant and in no log, as ``{"knob_deg": 10.0}``; every name ends in its unit.
+        knob_offset_per_m: curvature with the knob at 0, 1/m.
+        knob_play_deg: width of the hysteresis of the knob, degrees.
+        log: format of the log of the drives.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -219,7 +255,7 @@ class ActuationInfo:
     log: LogInfo = LogInfo()
 
     def curvature_per_m(self, knob_deg: float) -> float | None:
-        """Of the shaft without load, as the knob asks for it; None where no map of the knob is stated.
+        """Returns the curvature of the shaft without load for an angle of the knob; None where no gain is stated.
 
         >>> ActuationInfo(0.5, knob_offset_per_m=1.0).curvature_per_m(10.0)
         6.0
@@ -231,7 +267,7 @@ class ActuationInfo:
 
 @dataclass(frozen=True, slots=True)
 class TissueInfo:
-    """What the tip presses on. ``stiffness_n_per_m``: force over how deep the tip presses in, across the surface."""
+    """The tissue at the tip. ``stiffness_n_per_m``: force divided by depth of indentation, normal to the surface."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 
@@ -240,11 +276,21 @@ class TissueInfo:
 
 @dataclass(frozen=True, slots=True)
 class SessionInfo:
-    """What an estimator may know of a session beside its observations; never anything of the truth.
+    """Metadata of a session that an estimator may use; they contain no label.
 
-    ``name``: of the session; ``views``: by the name of the view; ``force_frame``: axes of the forces, "base" is the
-    convention of this program; ``simulated`` and ``preset``: whether and by which preset it was simulated;
-    ``remarks``: for people, read by nothing. ``stage`` and ``bag``: how the stage's log and a ROS bag are read.
+    Attributes:
+        name: name of the session.
+        catheter: the catheter.
+        views: name of the view -> its metadata.
+        sensor: the force sensor.
+        actuation: the catheter's drives.
+        tissue: the tissue at the tip.
+        force_frame: axes of the forces; "base" is the convention of this program.
+        simulated: whether the session was simulated.
+        preset: the preset by which it was simulated.
+        remarks: for people; no program reads them.
+        stage: format of the log of the stage.
+        bag: topics of a ROS bag.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -263,11 +309,11 @@ class SessionInfo:
     bag: BagInfo = BagInfo()
 
     def view(self, name: str) -> ViewInfo:
-        """What is known of the view ``name``: nothing where it is not described."""
+        """Returns the metadata of the view ``name``; all open where it is not described."""
         return self.views.get(name, ViewInfo())
 
     def updated(self, stated: "SessionInfo") -> "SessionInfo":
-        """These metadata with every value that ``stated`` holds in place of its own.
+        """Returns these metadata with the values of ``stated`` in place of its own.
 
         >>> SessionInfo("a", Catheter("7F")).updated(SessionInfo(views={"camera": ViewInfo(2e-4)})).catheter.name
         '7F'
@@ -275,7 +321,7 @@ class SessionInfo:
         return SessionInfo.from_values(merged_values(self.values(), stated.values()))
 
     def values(self) -> dict[str, Any]:
-        """Nested JSON values of all that is stated, as ``bench.toml`` has them.
+        """Returns the stated values as nested JSON values, as ``bench.toml`` has them.
 
         >>> SessionInfo(catheter=Catheter(diameter_m=2.33e-3)).values()
         {'catheter': {'diameter_m': 0.00233}}
@@ -284,14 +330,14 @@ class SessionInfo:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any], where: str = "the session's metadata") -> "SessionInfo":
-        """The inverse of `values`.
+        """Inverts `values`.
 
         Args:
             values: nested, as ``bench.toml`` holds them.
-            where: the file or option that they are from, for the message.
+            where: the file or option with the values, for the message.
 
         Raises:
-            InputError: a key is unknown, or a value is not what it has to be; the message names it.
+            InputError: a key is unknown, or a value has a wrong type or range; the message names it.
         """
         from pydantic import ValidationError
 
@@ -310,18 +356,22 @@ class SessionInfo:
         return found
 
     def stated_keys(self) -> tuple[str, ...]:
-        """Keys of what is stated of catheter, views, sensor, actuation and tissue, as ``catheter.diameter_m``.
+        """Returns the keys of the stated values, as ``catheter.diameter_m``, but for the name of the catheter.
 
-        How the stage's log and a bag are read is no property of the session and has no part in them.
+        The formats of the stage's log and of a bag are no property of the session and are left out.
 
         >>> SessionInfo(views={"camera": ViewInfo(base_side="left")}).stated_keys()
         ('views.camera.base_side',)
         """
-        parts = {key: value for key, value in self.values().items() if isinstance(value, dict) and key not in _READING}
+        parts = {
+            key: value
+            for key, value in self.values().items()
+            if isinstance(value, dict) and key not in FILE_FORMAT_SECTIONS
+        }
         return tuple(key for key in _flat(parts) if key != "catheter.name")
 
     def only(self, keys: Iterable[str]) -> "SessionInfo":
-        """These metadata without what they state of catheter, views, sensor, actuation and tissue beyond ``keys``."""
+        """Returns these metadata with only ``keys`` of the values of catheter, views, sensor, actuation and tissue."""
         wanted = set(keys)
         values = self.values()
         for key in self.stated_keys():
@@ -334,13 +384,13 @@ class SessionInfo:
         return SessionInfo.from_values(values)
 
     def missing(self, keys: Iterable[str]) -> tuple[str, ...]:
-        """Those of ``keys`` that are not stated."""
+        """Returns those of ``keys`` that are not stated."""
         stated = set(self.stated_keys())
         return tuple(key for key in keys if key not in stated)
 
 
 def merged_values(values: Mapping[str, Any], stated: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested ``values``, with those of ``stated`` in their place."""
+    """Returns nested ``values``, with those of ``stated`` in their place."""
     made = dict(values)
     for key, value in stated.items():
         own = made.get(key)
@@ -359,7 +409,7 @@ _ADAPTER: list[Any] = []
 
 
 def _adapter() -> Any:
-    """Pydantic's validator of `SessionInfo`; made at its first use, for the import of pydantic takes a while."""
+    """Returns pydantic's validator of `SessionInfo`; made at its first use, because importing pydantic is slow."""
     if not _ADAPTER:
         from pydantic import TypeAdapter
 
@@ -367,8 +417,8 @@ def _adapter() -> Any:
     return _ADAPTER[0]
 
 
-_READING = ("stage", "bag")
-"""Sections that say how files are read."""
+FILE_FORMAT_SECTIONS = ("stage", "bag")
+"""Sections that state how files are read."""
 
 _PARTS: dict[str, type] = {
     "catheter": Catheter,
@@ -385,7 +435,7 @@ _PARTS: dict[str, type] = {
 
 
 def _complaint(place: tuple[int | str, ...], error: Any) -> str:
-    """One sentence on the first value that is refused."""
+    """Returns one sentence on the first value that is refused."""
     names = [part for part in place if isinstance(part, str)]
     key = ".".join(names)
     if error["type"] == "unexpected_keyword_argument":

@@ -11,10 +11,12 @@ from ._status import Status
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BasePose:
-    """Where the base frame lies in the image: thesis fig. 18, O and L.
+    """Pose of the base frame in the image: thesis fig. 18, O and L.
 
-    ``origin_px`` (2,): u (right), v (down). ``angle_rad``: direction of the base tangent as seen in the displayed
-    image, counter-clockwise from "right".
+    Attributes:
+        origin_px: (2,) u (right), v (down), px.
+        angle_rad: direction of the base tangent in the displayed image, rad counter-clockwise from "right".
+
 
     >>> up = BasePose(np.array([100.0, 400.0]), math.pi / 2)
     >>> np.round(up.to_base(np.array([[100.0, 300.0], [90.0, 400.0]])), 6) + 0.0
@@ -35,11 +37,11 @@ class BasePose:
         return np.array([[c, -s], [-s, -c]])
 
     def to_base(self, points_px: FloatArray) -> FloatArray:
-        """(n, 2) image points -> (n, 2) base frame, still in pixels (thesis eq. 1)."""
+        """Converts (n, 2) image points to the base frame, still in pixels (thesis eq. 1)."""
         return (points_px - self.origin_px) @ self.axes_px.T
 
     def to_image(self, points_base: FloatArray) -> FloatArray:
-        """(n, 2) base-frame points in pixels -> (n, 2) image points: the inverse of `to_base`."""
+        """Converts (n, 2) base-frame points in pixels to image points: the inverse of `to_base`."""
         return points_base @ self.axes_px + self.origin_px
 
 
@@ -57,11 +59,17 @@ class CentrelinePx:
 class DetectedShape:
     """The catheter's shape in one image, or the reason why it was not found.
 
-    ``centreline`` and ``base`` are None unless ``status`` is valid; ``diameter_px`` is then the shaft's median
-    diameter. ``confidence`` in 0..1: share of the shaft's length where both flanks were detected. ``fitted_px`` (k, 2):
-    the image points that a polynomial is fitted to where these are not the centreline: the single-pixel line of thesis
-    algorithm 1, one point a column. ``probability_right`` in 0..1: that tip and line are where they were detected; NaN
-    where the method does not tell.
+    Attributes:
+        status: `Status.VALID`, or why there is no shape.
+        detail: the reason in one line.
+        centreline: the centreline; None unless the status is valid.
+        base: pose of the base frame; None unless the status is valid.
+        diameter_px: median diameter of the shaft, px.
+        confidence: share of the length of the shaft where both flanks were detected, 0 to 1.
+        fitted_px: (k, 2) image points to which a polynomial is fitted where these are not the centreline: the
+            single-pixel line of thesis algorithm 1, one point a column.
+        probability_right: probability that tip and line are where they were detected, 0 to 1; NaN where the method does
+            not estimate it.
     """
 
     status: Status
@@ -74,7 +82,7 @@ class DetectedShape:
     probability_right: float = math.nan
 
     def moved(self, by_px: FloatArray) -> "DetectedShape":
-        """The same shape (u, v) ``by_px`` farther in the image."""
+        """Returns the same shape, shifted by (u, v) ``by_px`` in the image."""
         if self.centreline is None or not np.any(by_px):
             return self
         base = self.base and replace(self.base, origin_px=self.base.origin_px + by_px)
@@ -83,5 +91,5 @@ class DetectedShape:
 
     @property
     def found(self) -> bool:
-        """True where there is a centreline."""
+        """Whether there is a centreline."""
         return self.status is Status.VALID

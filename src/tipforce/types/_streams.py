@@ -1,4 +1,4 @@
-"""What a bench delivers, event by event, and what an estimator may see of it."""
+"""Events of a bench, and the observations of an estimator."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,18 +9,21 @@ import numpy as np
 from ._arrays import FloatArray, Image, frozen
 
 JOINTS = "joints"
-"""Stream of the catheter's own drives."""
+"""Stream of the readings of the catheter's own drives."""
 STAGE = "stage"
-"""Stream of what moves the tissue at a bench."""
+"""Stream of the positions of the stage that moves the tissue at a bench."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """One image of one camera.
 
-    ``image``: (h, w) grey or (h, w, 3) RGB, uint8. ``stamp_ns``: mid-exposure, on the recording's clock.
-    ``max_delay_ns``: the driver guarantees that mid-exposure was at most so much before ``stamp_ns``. 0 where it knows
-    the time of the exposure.
+    Attributes:
+        stamp_ns: mid-exposure, on the recording's clock.
+        image: (h, w) grey or (h, w, 3) RGB, uint8.
+        view: name of the camera.
+        max_delay_ns: the driver guarantees that mid-exposure was at most this much before ``stamp_ns``; 0 where it
+            knows the time of the exposure.
     """
 
     stamp_ns: int
@@ -51,8 +54,12 @@ class Wrench:
 class Actuation:
     """Readings of drives at one instant; every name ends in its unit, as in ``knob_deg``.
 
-    ``stream``: `JOINTS` for the catheter's drives, `STAGE` for what moves the tissue at a bench: the latter serves to
-    take the sensor's inertia out of its readings, and no estimator sees it, for a heart tells nobody where it goes.
+    Attributes:
+        stamp_ns: time of the readings.
+        values: NAME_UNIT -> reading.
+        stream: `JOINTS` for the catheter's drives; `STAGE` for the stage that moves the tissue at a bench. The latter
+            serves to subtract the inertia from the readings of the sensor; no estimator gets it, because the motion of
+            a heart is not measured.
     """
 
     stamp_ns: int
@@ -61,14 +68,14 @@ class Actuation:
 
 
 Event = Frame | Wrench | Actuation
-"""What a `Source` yields, in the order of their stamps stream by stream."""
+"""Event of a `Source`; each stream is in the order of its stamps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeFeatures:
     """A view that was reduced to shape numbers elsewhere: ``values`` (k,) and the name of each.
 
-    Stands where an image would, for data that come as ready-made coefficients (thesis eq. 2).
+    It replaces an image for data that come as ready-made coefficients (thesis eq. 2).
     """
 
     names: tuple[str, ...]
@@ -83,7 +90,7 @@ View = Image | ShapeFeatures
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """All that an estimator sees of one instant; nothing of the truth is in it.
+    """Everything that an estimator gets of one instant; it contains no label.
 
     ``views``: name -> image (h, w[, 3]) uint8 or `ShapeFeatures`; ``actuation``: ``NAME_UNIT`` -> value.
     """
