@@ -106,12 +106,12 @@ class _SayCompilation(logging.Handler):
 
 _KEPT = {
     "simulate": "; finished sessions are kept, and the same command goes on",
-    "demo": "; its folder keeps what was finished",
+    "demo": "; its folder keeps the finished parts",
     "import": "; no recording was written, run the import again",
     "estimate": "; no table was written, run the command again",
     "inspect": "; nothing was written",
 }
-"""What an interrupted verb leaves; train, evaluate and live say it themselves."""
+"""The rest of an interrupted verb; train, evaluate and live state it themselves."""
 
 
 def main() -> None:
@@ -120,9 +120,9 @@ def main() -> None:
     compilation = logging.getLogger("tipforce.compilation")
     compilation.setLevel(logging.INFO)
     compilation.addHandler(_SayCompilation())
-    # read when OpenCV is first imported: what it finds wrong with an image is said by our own sentence
+    # read when OpenCV is first imported: our own sentence states the faults of an image
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # the same of what FFmpeg says of a camera
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # likewise for the messages of FFmpeg about a camera
     try:
         with signals_end_the_program():
             app()

@@ -1,4 +1,4 @@
-"""What all verbs share: progress, figures as JSON, and errors as one sentence."""
+"""Common parts of all verbs: progress, figures as JSON, and errors as one sentence."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from ..errors import InputError
 console = Console(stderr=True, highlight=False, markup=False, emoji=False)
 """Everything meant for people goes to standard error, so that standard output can carry figures.
 
-What is in brackets or between colons is printed as it is: columns are called "Time [s]", files anything.
+Text in brackets or between colons is printed as it is: columns are called "Time [s]", files anything.
 """
 
 JsonOption = Annotated[
@@ -39,12 +39,13 @@ ExecutorOption = Annotated[
 _LINE_EVERY_S = 60.0
 
 
-_LONGEST, _TAIL = 580, 150
-"""Characters of a message; of a longer one the beginning is shown, and so much of its end, where the remedy stands."""
+MAX_MESSAGE, MESSAGE_TAIL = 580, 150
+"""Largest number of characters of a message; of a longer one the beginning is shown, and this part of its end, with
+the remedy."""
 
 
 def shown(text: str) -> str:
-    r"""``text`` as it can be shown to a person: what steers a terminal, or turns a line round, stands as its code.
+    r"""Returns ``text`` as it can be shown to a person: control codes of a terminal are replaced by their numbers.
 
     >>> shown("no column \x1b[2J")
     'no column \\x1b[2J'
@@ -56,9 +57,9 @@ def shown(text: str) -> str:
 
 
 def in_one_line(message: str) -> str:
-    """A message of the library, in which stands what is in files, as one line of at most `_LONGEST` characters."""
+    """Returns a message of the library, with text from files in it, as one line of at most `MAX_MESSAGE` characters."""
     text = shown(" ".join(message.split()) if "\n" in message or "\r" in message else message)
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - _TAIL - 5]} ... {text[-_TAIL:]}"
+    return text if len(text) <= MAX_MESSAGE else f"{text[: MAX_MESSAGE - MESSAGE_TAIL - 5]} ... {text[-MESSAGE_TAIL:]}"
 
 
 def say(text: str, style: str | None = None) -> None:
@@ -73,7 +74,7 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
     """
     from ..io import check_output_file
 
-    taken = {os.path.realpath(path): f"{path} is what is read" for path in inputs}
+    taken = {os.path.realpath(path): f"{path} is the input" for path in inputs}
     for output in outputs:
         if output is None or str(output) == "-":
             continue
@@ -94,7 +95,7 @@ def check_new(*outputs: Path | str | None, overwrite: bool) -> None:
 
 @contextmanager
 def progress_bar() -> Generator[Callable[[str, float], None]]:
-    """Yields ``report(what, share)``: a bar with percentage and time left, that vanishes at the end.
+    """Yields ``report(step, share)``: a bar with percentage and time left, that vanishes at the end.
 
     Where nobody looks at a terminal, as in a log, it is a line a minute.
     """
@@ -105,8 +106,8 @@ def progress_bar() -> Generator[Callable[[str, float], None]]:
     with Progress(*columns, console=console, transient=True) as bars:
         task = bars.add_task("", total=1.0)
 
-        def report(what: str, share: float) -> None:
-            bars.update(task, description=what, completed=share)
+        def report(step: str, share: float) -> None:
+            bars.update(task, description=step, completed=share)
 
         yield report
 
@@ -114,12 +115,12 @@ def progress_bar() -> Generator[Callable[[str, float], None]]:
 def _line_a_minute() -> Callable[[str, float], None]:
     last = time.monotonic()
 
-    def report(what: str, share: float) -> None:
+    def report(step: str, share: float) -> None:
         nonlocal last
         now = time.monotonic()
         if now - last >= _LINE_EVERY_S:
             last = now
-            say(f"{what}: {share:.0%}")
+            say(f"{step}: {share:.0%}")
 
     return report
 

@@ -26,7 +26,7 @@ KnobOption = Annotated[
 
 
 def stated_info(bench: Path | None, facts: list[str] | None, knob_deg: float | None = None) -> SessionInfo:
-    """What the options state of a session; each later one wins: the bench file, single facts, the knob's angle."""
+    """Merges the options of a session; each later one wins: the bench file, single facts, the knob's angle."""
     info = SessionInfo() if bench is None else read_bench(bench)
     if facts:
         info = info.updated(info_from_facts(facts))
@@ -38,7 +38,7 @@ def stated_info(bench: Path | None, facts: list[str] | None, knob_deg: float | N
 
 
 def number_from(text: str, option: str, expected: str) -> float:
-    """``text`` as a finite number; raises InputError naming ``option`` and what was ``expected``."""
+    """Returns ``text`` as a finite number; raises InputError naming ``option`` and the ``expected`` input."""
     try:
         value = float(text)
     except ValueError:
@@ -65,7 +65,7 @@ def tare_from(text: str) -> Literal["auto", "none"] | tuple[float, float]:
         number_from(part, f"--tare {text}", "START:END in seconds (0:5), auto or none") for part in (start, end)
     )
     if not stretch[1] > stretch[0]:
-        raise InputError(f"--tare {text}: the end does not lie behind the start")
+        raise InputError(f"--tare {text}: the end is not behind the start")
     return stretch[0], stretch[1]
 
 
@@ -82,6 +82,6 @@ def offset_from(text: str) -> Literal["auto", "none", "start"] | float:
     if text == "start":
         return "start"
     value = number_from(text, f"--offset-ms {text}", "milliseconds, auto, none or start")
-    if abs(value) > 2e12:  # what brings a clock that began in 1970 to zero is 1.7e12
+    if abs(value) > 2e12:  # the offset of a clock that began in 1970 is 1.7e12
         raise InputError(f"--offset-ms {text}: expected less than 2e12 ms, which is all the time since 1970")
     return value

@@ -20,7 +20,7 @@ SetOption = Annotated[
 def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None) -> M:
     """A ``model`` with ``pairs`` ("a.b=value"; values are JSON, else text) over its defaults, or over ``base``.
 
-    Raises InputError that names the key, what was got and which keys there are.
+    Raises InputError that names the key, the given value and the possible keys.
     """
     values: dict[str, Any] = {} if base is None else base.model_dump()
     for pair in pairs or []:
@@ -66,10 +66,10 @@ def _is_model(kind: Any) -> TypeGuard[type[BaseModel]]:
 
 
 def _keys(model: type[BaseModel], place: Sequence[int | str]) -> list[str]:
-    """Names of the settings that stand beside one another at ``place``, the keys that lead there."""
+    """Returns the names of the settings at ``place``, the keys that lead there."""
     for part in place:
         kind = model.model_fields[str(part)].annotation
-        for each in (kind, *get_args(kind)):  # what may be None too is a union
+        for each in (kind, *get_args(kind)):  # a type with None is a union
             if _is_model(each):
                 model = each
     return list(model.model_fields)

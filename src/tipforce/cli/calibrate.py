@@ -1,4 +1,4 @@
-"""``tipforce calibrate``: what recordings, a board or a ruler tell of a bench, written into ``bench.toml``."""
+"""``tipforce calibrate``: calibrates a bench from recordings, a board or a ruler, and writes ``bench.toml``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -43,11 +43,11 @@ def command(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Change a bench.toml that is there already.")] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Find what a bench is: scale, sensor angle, knob map, stiffness and tissue, each with its standard deviation.
+    """Calibrate a bench: scale, sensor angle, knob map, stiffness and tissue, each with its standard deviation.
 
-    One minute with forces tells it: five seconds without contact, then contact with the wall beating. Poorer, and said
-    so: a recording without contact (--contact-free) and a stated stiffness. With -o the values are written into
-    bench.toml: what stands there stays, a line that is replaced is kept as a comment.
+    One minute with forces is enough: five seconds without contact, then contact with the wall beating. Less accurate,
+    and marked so: a recording without contact (--contact-free) and a stated stiffness. With -o the values are written
+    into bench.toml: other lines stay, a line that is replaced is kept as a comment.
 
     Example:
         tipforce calibrate runs/monday.mcap --bench bench.toml -o bench.toml --overwrite --plot calibration.png

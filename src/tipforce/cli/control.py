@@ -16,14 +16,14 @@ def command(
     target_n: Annotated[float, typer.Option(min=0.01, help="Force to hold, in N.")] = 0.2,
     controller: Annotated[
         Literal["periodic", "pi", "admittance", "none"],
-        typer.Option(help="periodic: rejects heart and breath; none: stands where the mean force is the target."),
+        typer.Option(help="periodic: rejects heart and breath; none: stays where the mean force is the target."),
     ] = "periodic",
     contact: Annotated[
         Literal["perpendicular", "oblique", "lateral"], typer.Option(help="How the tip meets the tissue.")
     ] = "perpendicular",
     drives: Annotated[
         Literal["advance", "knob", "both"],
-        typer.Option(help="What moves the tip: in lateral contact the advance hardly does."),
+        typer.Option(help="The drive that moves the tip: in lateral contact the advance has little effect."),
     ] = "advance",
     session: Annotated[int, typer.Option(min=0, max=999, help="Which session of the bench.")] = 0,
     seconds: Annotated[float, typer.Option(min=1.0, max=600.0, help="So long the force is held.")] = 30.0,
@@ -44,7 +44,7 @@ def command(
     recording.mcap, control.csv, control.json, control.svg and report.html.
 
     The verdict states the peak of the true force and the time above both limits. --no-limit with --controller none is
-    the baseline: what the wall does to a catheter that stands still.
+    the baseline: the effect of the wall on a catheter that does not move.
 
     --set changes a setting of the control: safety.limit_n=0.35, learn_s=8, observer.harmonics=4.
 

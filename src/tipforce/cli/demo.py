@@ -24,7 +24,7 @@ def command(
 ) -> None:
     """Run the whole job without hardware: simulate, import, train, evaluate, estimate. Every command is shown.
 
-    A simulated bench leaves videos and logs; from there on the demo types what a user would type. The shipped network
+    A simulated bench leaves videos and logs; from there on the demo types the commands of a user. The shipped network
     as it comes, the same fine-tuned, and method 1 are compared on the last two sessions, which none of them has seen.
     Then the force in the video of one of these sessions is estimated, and a random split is shown beside held-out
     sessions. Fine-tuning needs torch and is skipped without it.

@@ -35,9 +35,9 @@ def command(
 
     Cells are empty where a value is unknown; a frame without an answer has a status and a reason, never an old number.
 
-    pretrained/NAME is a model that comes with this program; a name that is none tells which there are.
+    pretrained/NAME is a model that comes with this program; a wrong NAME lists them.
 
-    Each row also tells contact state and class, the probability of a force above the limit, and since the first frame
+    Each row also states contact state and class, the probability of a force above the limit, and since the first frame
     the seconds in the force window, above the limit and without a valid force, and the force-time integral. --set
     changes the thresholds: window_n=[0.1,0.4], limit_n=0.35, contact_n, swing_n, class_s. The window of 0.1 to 0.3 N is
     the thesis's, the limit of 0.4 N this program's.
@@ -47,7 +47,7 @@ def command(
 
         tipforce estimate pretrained/compact video.mp4 --bench bench.toml -o forces.csv
 
-    What bench.toml states stands in place of what a recording holds itself.
+    bench.toml replaces the metadata of a recording.
     """
     from ..clinical import ContactSettings
     from ..datasets import open_source

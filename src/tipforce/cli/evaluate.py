@@ -25,7 +25,7 @@ def command(
     protocol: Annotated[
         Literal["random", "blocked", "session", "all", "thesis", "standard", "catheter", "saved"],
         typer.Option(
-            help="What is held out for testing; all: the first three. thesis: as many frames as it has for the method "
+            help="The samples held out for testing; all: the first three. thesis: its number of frames for the method "
             "(svr 220, dcfe 615; or --samples) of the first eight sessions, at random. standard: a quarter of the "
             "sessions trains, a quarter calibrates, half tests. catheter: each catheter's first session trains, its "
             "others test. saved: models as they are, nothing is trained."
@@ -40,11 +40,11 @@ def command(
         ),
     ] = False,
     samples: Annotated[
-        int | None, typer.Option(min=1, help="Draw so many samples first (the thesis has 220); default: all.")
+        int | None, typer.Option(min=1, help="Number of samples to draw first (the thesis has 220); default: all.")
     ] = None,
-    every: Annotated[int, typer.Option(min=1, help="Take every so many-th frame of each session.")] = 1,
-    folds: Annotated[int | None, typer.Option(min=2, help="Cross-validate with so many folds.")] = None,
-    seed: Annotated[int, typer.Option(help="Of the drawn samples and splits.")] = 0,
+    every: Annotated[int, typer.Option(min=1, help="Take every n-th frame of each session.")] = 1,
+    folds: Annotated[int | None, typer.Option(min=2, help="Number of folds of cross-validation.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the drawn samples and splits.")] = 0,
     truth: Annotated[
         Path | None,
         typer.Option(

@@ -15,8 +15,8 @@ def command(
     inputs: Annotated[
         list[Path],
         typer.Argument(
-            help="A video, DICOM file or folder of images, then its logs: force, and where there are any stage and "
-            "knob, told apart by their columns; a ROS bag; recordings (.mcap), for a dataset; or a damaged one, to "
+            help="A video, DICOM file or folder of images, then its logs: force, and stage and knob if there are any, "
+            "recognised by their columns; a ROS bag; recordings (.mcap), for a dataset; or a damaged one, to "
             "recover it; or one, to state its clocks or its tare."
         ),
     ],
@@ -33,12 +33,8 @@ def command(
             "none."
         ),
     ] = "auto",
-    stage: Annotated[
-        Path | None, typer.Option(help="The log of the stage, if its columns do not tell it from the others.")
-    ] = None,
-    knob: Annotated[
-        Path | None, typer.Option(help="The log of the knob, if its columns do not tell it from the others.")
-    ] = None,
+    stage: Annotated[Path | None, typer.Option(help="The log of the stage, if its columns do not identify it.")] = None,
+    knob: Annotated[Path | None, typer.Option(help="The log of the knob, if its columns do not identify it.")] = None,
     offset_ms: Annotated[
         str,
         typer.Option(
@@ -51,7 +47,7 @@ def command(
         typer.Option(help="True over stated frame rate, as 0.8 if 24 images a second are stamped as 30; else found."),
     ] = None,
     lossless: Annotated[bool, typer.Option("--lossless", help="Keep images as PNG, about ten times larger.")] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there already.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")] = False,
     json: JsonOption = None,
 ) -> None:
     """Make a recording of a video (or folder of images) and its logs, or a dataset folder of recordings.
@@ -60,7 +56,7 @@ def command(
     contact-free stretch that the sensor is tared on; both are shown, stored, and can be stated instead. Where the clock
     map cannot be determined nothing is written. A log of force has columns Fx, Fy, Fz; one of the stage that moves the
     tissue has NAME_mm, one of the knob has knob_deg. Logs are text, .xlsx or .mat; sections sensor.log, actuation.log
-    and stage.log of bench.toml state what is not found in them, section bag the topics of a ROS bag (.bag, .db3, .mcap
+    and stage.log of bench.toml state the facts that are not in them, section bag the topics of a ROS bag (.bag, .db3, .mcap
     of another program, or their folder).
 
     Example: tipforce import video.mp4 force.csv --bench bench.toml -o runs/monday.mcap

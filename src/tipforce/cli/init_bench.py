@@ -22,7 +22,7 @@ _QUESTIONS: tuple[tuple[str, str, float | None], ...] = (
     ("views.camera.metres_per_px", "Scale of the image in mm per pixel", 1e-3),
     ("views.camera.base_side", "Side of the image that the catheter comes from (left, right, top, bottom)", None),
     ("sensor.angle_deg", "Angle of the force sensor's x axis from the catheter's base, counter-clockwise, in deg", 1.0),
-    ("sensor.reads", "What the sensor reads (tip-on-tissue under the tissue, or tissue-on-tip)", None),
+    ("sensor.reads", "Sign of the readings (tip-on-tissue under the tissue, or tissue-on-tip)", None),
     ("actuation.constant.knob_deg", "Angle of the knob in deg, where it never changes", 1.0),
 )
 """Key of ``bench.toml``, question, and the SI value of one unit of the answer; None for text."""
@@ -41,8 +41,8 @@ def command(
 ) -> None:
     """Write a bench.toml: one file that describes catheter, views, force sensor and drives for all other verbs.
 
-    Every value has a comment; what is not known stays commented out. On a terminal it asks for the most used values;
-    an empty answer leaves a value open. --bench begins with the values of another file.
+    Every value has a comment; unknown values stay commented out. On a terminal it asks for the most used values;
+    an empty input leaves a value open. --bench begins with the values of another file.
 
     Example:
         tipforce init-bench -o bench.toml
@@ -57,11 +57,11 @@ def command(
     if ask if ask is not None else sys.stdin.isatty():
         info = _asked(info, lambda text: typer.prompt(text, default="", show_default=False, err=True))
     write_atomic(output, bench_text(replace(info, name="")))
-    say(f"wrote {output}: {len(info.stated_keys())} values stated; the others stand in it as comments")
+    say(f"wrote {output}: {len(info.stated_keys())} values stated; the others are in it as comments")
 
 
 def _asked(info: SessionInfo, prompt: Callable[[str], str]) -> SessionInfo:
-    """``info`` with the answers to the questions on what it leaves open; a refused answer is asked for again."""
+    """Returns ``info`` with the user's replies to questions on its open values; a refused reply is asked for again."""
     for key, question, unit in _QUESTIONS:
         if key in info.stated_keys() or (key == "catheter.name" and info.catheter.name != "unnamed"):
             continue

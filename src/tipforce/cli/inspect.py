@@ -1,4 +1,4 @@
-"""``tipforce inspect``: what is detected in an image or a video, and what a recording holds."""
+"""``tipforce inspect``: the catheter in an image or a video, and the content of a recording."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,14 +15,14 @@ _DRAWN = 12
 
 
 def command(
-    file: Annotated[Path, typer.Argument(metavar="IMAGE|VIDEO|FOLDER|RUN.MCAP|DATASET", help="What to look at.")],
+    file: Annotated[Path, typer.Argument(metavar="IMAGE|VIDEO|FOLDER|RUN.MCAP|DATASET", help="The file to inspect.")],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="The drawing; default NAME-inspect.png.")
     ] = None,
     bench: BenchOption = None,
     fact: FactOption = None,
-    every: Annotated[int, typer.Option(min=1, help="Of a video, look at every so many frames.")] = 1,
-    drawn: Annotated[int, typer.Option(min=1, help="Of a video, draw so many frames on one contact sheet.")] = _DRAWN,
+    every: Annotated[int, typer.Option(min=1, help="Examine every n-th frame of a video.")] = 1,
+    drawn: Annotated[int, typer.Option(min=1, help="Number of frames of a video on one contact sheet.")] = _DRAWN,
     frames: Annotated[
         bool, typer.Option("--frames", help="Of a recording, look at its images instead of its streams.")
     ] = False,
@@ -33,7 +33,7 @@ def command(
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Draw what is detected of the catheter, or show what a recording holds.
+    """Draw the detected catheter, or show the content of a recording.
 
     An image: mask, centreline, base frame, fitted curve. A video: the share of frames in which the catheter is found,
     and a contact sheet. A recording: streams, rates, drops, clock map, tare, ranges and a plot. A dataset of several

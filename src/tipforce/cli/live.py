@@ -139,6 +139,6 @@ class _Line:
             say(text)
 
     def end(self) -> None:
-        """What follows begins on a line of its own."""
+        """Ends the line, so that later text begins on a line of its own."""
         if self._shown:
             console.print()

@@ -29,7 +29,7 @@ def command(
     ] = None,
     seconds: Annotated[float | None, typer.Option(help="How long; else until Ctrl-C.")] = None,
     guided: Annotated[
-        bool, typer.Option("--guided", help="A first session: says what to do (tare, move, press) and what is missing.")
+        bool, typer.Option("--guided", help="A first session with instructions (tare, move, press) and a check.")
     ] = False,
     partial: Annotated[bool, typer.Option("--partial", help="Record also where a device does not answer.")] = False,
     fact: FactOption = None,
@@ -45,7 +45,7 @@ def command(
 ) -> None:
     """Record all devices of a bench into one file: images, force, stage and knob on one clock.
 
-    The bench.toml describes the devices under [hardware]; see docs/hardware.md. Shown are what is connected, rates,
+    The bench.toml describes the devices under [hardware]; see docs/hardware.md. It shows connections, rates,
     drops and clock offsets. Ctrl-C ends it; events are written as they come, and tare and clock map found at the
     end. After a kill or on a full disk all but the last second is kept in FILE.part.
 
@@ -140,7 +140,7 @@ def _table(recording: "BenchRecording") -> "Table":
     for column in ("device", "state", "stream", "rate", "readings", "dropped", "age", "clock offset", "counts"):
         table.add_column(column)
     for device in recording.health():
-        counts = ", ".join(f"{count} {what}" for what, count in sorted(device.counts.items()) if count)
+        counts = ", ".join(f"{count} {kind}" for kind, count in sorted(device.counts.items()) if count)
         for stream in device.streams:
             asked = stream.stream.rate_hz
             clock = stream.clock

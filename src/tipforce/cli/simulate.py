@@ -47,14 +47,14 @@ def command(
 ) -> None:
     """Simulate a bench: sessions as real hardware leaves them, with the truth in a file beside each.
 
-    A session is a recording (session_00.mcap) that holds what a bench would know, or with --as files a folder
+    A session is a recording (session_00.mcap) with a bench's data, or with --as files a folder
     (session_00) of video.mp4, force.csv, stage.csv, bench.toml and, where the knob moves, knob.csv; and
     session_00.truth.npz for evaluation only. --as dicom, for X-ray, leaves run.dcm (XA, multi-frame) instead of the
-    video. A biplane session has two views, a and b, and a file of each. Sessions that stand there already are kept. A
-    preset that is changed by --set or --seconds is none any more: the sessions say so.
+    video. A biplane session has two views, a and b, and a file of each. Existing sessions are kept. A
+    preset that is changed by --set or --seconds is no preset any more: the sessions state it.
 
     With --as dataset (or parquet): images at random instants of as many short sessions as needed, labelled as the force
-    sensor and an import would; the truth lies in truth/. What a kill interrupted goes on with the same command.
+    sensor and an import would; the truth is in truth/. An interrupted run goes on with the same command.
 
     Example:
         tipforce simulate --preset bench-2021 --sessions 8 --seed 0 -o runs/

@@ -20,7 +20,7 @@ def command(
     ] = "svr",
     bench: BenchOption = None,
     samples: Annotated[
-        int | None, typer.Option(min=1, help="Draw so many samples (the thesis has 220); default: all.")
+        int | None, typer.Option(min=1, help="Number of samples to draw (the thesis has 220); default: all.")
     ] = None,
     holdout: Annotated[
         float, typer.Option(min=0.0, max=0.9, help="Share of the samples held out at random to measure errors on.")
@@ -41,7 +41,7 @@ def command(
             "--from",
             metavar="MODEL",
             help="Networks: begin with the weights of this model, not random ones: a folder, or `pretrained`, the one "
-            "that comes with the program. What is not stated is then set as fine-tuning this method needs it.",
+            "that comes with the program. Other settings then have the values for fine-tuning this method.",
         ),
     ] = None,
     resume: Annotated[
@@ -58,8 +58,8 @@ def command(
 ) -> None:
     """Train a method on labelled samples and save it as a model folder.
 
-    A random share held out (--holdout 0.25, as in the thesis) has neighbours of every frame in the training part; how
-    a method does on sessions it never saw is what `tipforce evaluate` tells.
+    A random share held out (--holdout 0.25, as in the thesis) has neighbours of every frame in the training part; for
+    the error on sessions never seen use `tipforce evaluate`.
 
     A network writes a checkpoint after every epoch, to OUTPUT.training beside the model, and needs the extra "train".
 

@@ -1,4 +1,4 @@
-"""Thesis table 2, measured: methods side by side over the load, and what sensors in the tip reach."""
+"""Thesis table 2, measured: methods side by side over the load, beside the figures of sensors in the tip."""
 
 from itertools import pairwise
 from typing import Any
@@ -28,8 +28,8 @@ def comparison(evaluation: Evaluation) -> dict[str, Any]:
     """The methods under the strictest protocol, against the force sensor.
 
     Returns:
-        ``protocol``; ``rows``, a method each with the constant predictor last: ``method``, ``about`` (what it is) and
-        ``breaks`` (where it breaks), errors of the magnitude ``mae_n``, ``rmse_n``, ``max_n``, ``bias_n``, ``r2``,
+        ``protocol``; ``rows``, a method each with the constant predictor last: ``method``, ``about`` (its description),
+        ``breaks`` (its limits), errors of the magnitude ``mae_n``, ``rmse_n``, ``max_n``, ``bias_n``, ``r2``,
         ``coverage``, of the components ``x_mae_n`` and ``y_mae_n``, ``abstained_share``, ``update_us`` (median time of
         one frame with detection) and ``by_load``; ``sensors`` with the ``mae_n`` of each and ``sensor_source``.
     """

@@ -92,7 +92,7 @@ class Constant(Estimator):
     def predict(
         self,
         dataset: Dataset,
-        progress: Callable[[float], None] | None = None,  # noqa: ARG002 - done at once
+        progress: Callable[[float], None] | None = None,  # noqa: ARG002 - it takes no time
     ) -> list[ForceEstimate]:
         """Returns the same estimate for each sample, without reading an image."""
         if self.estimate_ is None:
@@ -125,7 +125,7 @@ class Constant(Estimator):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
-        """Makes a fitted predictor from what `state` returned."""
+        """Makes a fitted predictor from the result of `state`."""
         made = cls(_NoSettings.model_validate(dict(settings)))
         made.estimate_ = ForceEstimate(
             stamp_ns=0,

@@ -41,13 +41,13 @@ class EvaluationSettings:
     Attributes:
         protocols: Names of the protocols; None: all of `PROTOCOLS` that the data allow.
         as_saved: Nothing is trained, only saved models are scored; ``protocols`` is then not used.
-        samples: So many samples are drawn; None: all. Under the protocol "thesis" they are drawn from its sessions,
+        samples: Number of drawn samples; None: all. Under the protocol "thesis" they are drawn from its sessions,
             and None means as many as the thesis has for the method (the most of any where there are several methods).
         folds: Number of folds of a cross-validation; None: the protocol's own.
         every: Every so many-th frame of each session is scored. Methods that remember still see those between.
-        seed: Of the drawn samples, the splits and the bootstrap.
-        perturbed_frames: Each method is also scored on so many test samples with perturbed images; None: not at all.
-        compare: The report also holds the methods side by side over the load, see `comparison`.
+        seed: Seed of the drawn samples, the splits and the bootstrap.
+        perturbed_frames: Number of test samples on which each method is also scored with perturbed images; or None.
+        compare: The report also shows the methods side by side over the load, see `comparison`.
     """
 
     protocols: Sequence[Protocol] | None = None
@@ -71,8 +71,8 @@ class Evaluation:
         results: By protocol, within it the methods in their order and the constant predictor last.
         fitted: Method -> its predictions on the part it was trained on (thesis fig. 24).
         timing: Method -> microseconds a frame, see `time_per_frame`.
-        notes: Sentences on what could not be done, and why.
-        settings: What was asked for.
+        notes: Sentences on parts that could not be done, and why.
+        settings: The requested settings.
         truth_n: (len(everything), 3) true force in newtons, or None.
         bounds: Of the n samples, or None.
         perturbed: Method -> lines of a table (see `perturbed_metrics`); empty where it was not asked for.
@@ -138,8 +138,8 @@ def evaluate(
         truth_n: (len(dataset), 3) true force of a simulation in newtons, base frame, NaN where not known (see
             `truth_at`). The same estimates are scored against it too.
         bounds: Cramer-Rao bounds of all samples of ``dataset``; errors against ``truth_n`` are compared with them.
-        progress: Is told what is done and which share.
-        fits: Keeps the fits on disk until all is done, see `kept_fits`; None: nothing is kept.
+        progress: Called with the current step and the share that is done.
+        fits: Keeps the fits on disk until all are done, see `kept_fits`; None: nothing is kept.
         executor: Where ``fits`` are made first, side by side; None: here, one after the other.
 
     Returns:
@@ -300,7 +300,7 @@ def time_per_frame(estimator: Estimator, dataset: Dataset, frames: int = 300) ->
     Args:
         estimator: A fitted method.
         dataset: Its longest session is used.
-        frames: At most so many frames.
+        frames: Largest number of frames.
 
     Returns:
         ``frames``; ``p50_us``, ``p99_us`` and ``min_us`` in microseconds. The frames are passed twice; the first pass

@@ -1,4 +1,4 @@
-"""What a simulation knows of each sample: the true force, and the Cramer-Rao bound on the error of any estimator."""
+"""The knowledge of a simulation about each sample: true force, and Cramer-Rao bound of any estimator's error."""
 
 import math
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ class CramerRaoBounds:
         std_n: Each of `BOUND_KINDS` -> (n, 3), the bounds on fx, fy and the magnitude (see `bound_at`); empty where no
             session has one.
         contact_angle_deg: (n,) angle between the tip's axis and the direction into the tissue.
-        nuisances: Sentences on what the bounds take for unknown, without which none of them means anything.
+        nuisances: Sentences on the quantities that the bounds treat as unknown, without which no bound has a meaning.
         notes: Sentences on which sessions have no bound, and why.
     """
 
@@ -111,8 +111,8 @@ def bound_ratios(
     """Errors over their Cramer-Rao bounds, of the samples in contact that have an estimate and a bound.
 
     Each ratio is the median of |error| / bound, divided by a Gaussian's 0.674: an efficient estimator has 1.
-    ``rms_ratio`` is the root mean square error over the root mean square bound, which is what the bound limits; a few
-    large errors rule it.
+    ``rms_ratio`` is the root mean square error over the root mean square bound, which is the figure that the bound limits; a few
+    large errors dominate it.
 
     Args:
         predictions: Predictions whose reference is the true force.
@@ -162,7 +162,7 @@ def _ratio(error: FloatArray, bound: FloatArray, use: BoolArray) -> dict[str, fl
 
 
 def _values_at(
-    dataset: Dataset, values: Mapping[str, tuple[IntArray, FloatArray]], what: str, remedy: str
+    dataset: Dataset, values: Mapping[str, tuple[IntArray, FloatArray]], kind: str, remedy: str
 ) -> FloatArray:
     """(n, k): of every sample, the row of ``values`` (session -> stamps (m,), rows (m, k)) at its stamp.
 
@@ -184,13 +184,13 @@ def _values_at(
         near = apart <= _NEAR_NS
         if near.any() and np.median(apart[near]) > _OWN_NS:
             raise InputError(
-                f"the {what} of {session} belongs to another recording than that of {dataset.title}: its stamps lie "
-                f"{1e-6 * np.median(apart[near]):.1f} ms beside the samples'; {remedy}"
+                f"the {kind} of {session} belongs to another recording than that of {dataset.title}: its stamps are "
+                f"{1e-6 * np.median(apart[near]):.1f} ms from those of the samples; {remedy}"
             )
         found[rows[near]] = rows_there[nearest[near]]
     if np.isnan(found).all():
         ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(values)[:5]) or "none"
         raise InputError(
-            f"no sample of {dataset.title} has a {what}: its sessions are {ours}, the {what} is of {theirs}; {remedy}"
+            f"no sample of {dataset.title} has a {kind}: its sessions are {ours}, the {kind} is of {theirs}; {remedy}"
         )
     return found

@@ -31,7 +31,7 @@ from ._methods import Method
 
 
 class KeptFits:
-    """Fits methods on splits; with a folder, each fit becomes a model in it, named by what it was learnt from.
+    """Fits methods on splits; with a folder, each fit becomes a model in it, named by its training data and settings.
 
     Args:
         folder: Where fits are kept; None: nowhere.
@@ -48,7 +48,7 @@ class KeptFits:
             method: The method; its ``estimator`` is copied.
             split: Indices into ``dataset``.
             dataset: The evaluated samples.
-            progress: Is told what is done and which share.
+            progress: Called with the current step and the share that is done.
 
         Returns:
             The fitted method and the seconds that this took. A fit that an earlier run kept is loaded in its place.
@@ -77,9 +77,9 @@ class KeptFits:
     def fit_elsewhere(
         self, jobs: Sequence[tuple[Method, Split]], dataset: Dataset, executor: Executor, progress: Progress
     ) -> None:
-        """Fits on ``executor`` what is not kept yet, so that `fit` only has to load it; nothing without a folder.
+        """Fits the missing models on ``executor``, so that `fit` only has to load them; does nothing without a folder.
 
-        What a method refuses is passed over: `fit` says it in its place.
+        A method that raises is passed over: `fit` raises its error again in its place.
         """
         if self.folder is None:
             return
@@ -112,7 +112,7 @@ def kept_fits(folder: Path) -> Generator[KeptFits]:
             yield fits
         except BaseException:
             if folder.is_dir() and any(folder.iterdir()):
-                warnings.warn(f"{folder} keeps what was trained so far; the same command goes on with it", stacklevel=3)
+                warnings.warn(f"{folder} keeps the trained models; the same command goes on with them", stacklevel=3)
             raise
         for model in fits.used:
             shutil.rmtree(model, ignore_errors=True)

@@ -33,7 +33,7 @@ class Method:
         trained_sessions: Fingerprints of the sessions that the saved model was trained on (names, where a model was
             made before these were kept), or, where ``estimator`` is fine-tuned from a model's weights, that model's.
         trained_fingerprint: Fingerprint of the data that the saved model was trained on.
-        initial_sha256: Of the model whose weights ``estimator`` is fine-tuned from; empty where it is not.
+        initial_sha256: Checksum of the model whose weights ``estimator`` is fine-tuned from; empty if there is none.
     """
 
     label: str
@@ -45,7 +45,7 @@ class Method:
 
     @property
     def as_it_comes(self) -> Estimator | None:
-        """What is scored without any training: the saved model, or a method that needs none."""
+        """The estimator that is scored without any training: the saved model, or a method that needs none."""
         return self.saved or (None if self.estimator.needs_fit else self.estimator)
 
 
@@ -89,7 +89,7 @@ def methods_from(
             )
     taken = [method.label for method in made]
     if len(set(taken)) < len(taken):
-        # Two folders of the same name: their whole paths tell them apart.
+        # Two folders of the same name differ by their whole paths.
         made = [replace(method, label=str(Path(model))) for model, method in zip(models, made, strict=True)]
     return made
 

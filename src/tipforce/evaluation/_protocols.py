@@ -1,4 +1,4 @@
-"""Protocols: what a method is trained on and what it is scored on; a saved model is scored as it is."""
+"""Protocols: which samples a method is trained and scored on; a saved model is scored without training."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ PROTOCOLS: tuple[Protocol, ...] = ("random", "blocked", "session")
 """The thesis's split, contiguous blocks with a gap, and whole sessions held out: the one that counts."""
 
 AS_SAVED = "as saved"
-"""Stands in place of a protocol where a saved model is scored without training it anew."""
+"""Replaces a protocol where a saved model is scored without training it anew."""
 
 BY_SESSION = (AS_SAVED, "catheter", "session", "standard")
 """Protocols whose test sessions were never seen."""
@@ -41,7 +41,7 @@ class ProtocolWords:
         on: Begins a sentence.
         bar: Under a bar.
         of: "samples of ...".
-        held: What of a session was held out.
+        held: The part of a session that was held out.
     """
 
     name: str
@@ -106,7 +106,7 @@ PROTOCOL_WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class FittedSplit:
-    """One fit: the split, the seconds it took, what the method says of itself, and the fitted method."""
+    """One fit: the split, its duration in s, the method's own facts, and the fitted method."""
 
     protocol: str
     split: Split
@@ -151,7 +151,7 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False)
 class ScoredData:
-    """The samples that are scored, and what is known of them.
+    """The samples that are scored, with their metadata and truth.
 
     Attributes:
         dataset: The n samples that are split and scored.
@@ -218,7 +218,7 @@ def run_protocol(
         splits: Its splits.
         data: The samples.
         constant: The constant predictor under the same splits; None for the constant predictor itself.
-        progress: Is told what is done and which share.
+        progress: Called with the current step and the share that is done.
         fits: Fits the method; None: nothing is kept on disk.
 
     Returns:

@@ -21,14 +21,14 @@ from ._protocols import AS_SAVED, MethodResult, ScoredData, index_in
 UNPERTURBED = "unperturbed"
 """Kind of the first line of a table: the same samples with their images as they are."""
 
-_CHUNK = 50
-"""So many images are in memory at once; a method that remembers is shown so many in a row."""
-_LEAST_STRETCHES = 10
+CHUNK_FRAMES = 50
+"""Number of images in memory at the same time, and in a row for a method with a memory."""
+MIN_STRETCHES = 10
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Samples for one fitted method: those at ``scored`` count, the others are what came before."""
+    """Samples for one fitted method: those at ``scored`` count, the others are the frames before them."""
 
     fold: str
     samples: Dataset
@@ -48,16 +48,16 @@ def perturbed_metrics(
     """Scores the fitted methods of a result on some of its test samples, as they are and then perturbed.
 
     A method that remembers is shown stretches of 50 frames in a row, ten or more; those that the result has count. The
-    method is not told of the perturbation: scale and base side stay as they were noted.
+    method does not know of the perturbation: scale and base side stay as they were noted.
 
     Args:
         method: The method.
         result: Its result, whose fitted methods are used.
-        constant: The constant predictor's result under the same splits; its errors stand beside.
-        data: The samples; its seed is that of noise and of the place of an object.
+        constant: The constant predictor's result under the same splits; its errors are shown as well.
+        data: The samples; its seed is that of noise and of the position of an object.
         frames: Number of test samples, spread over all; of a method that remembers with those that came before.
         perturbations: Kinds and sizes; those that differ in their direction only are pooled in one line.
-        progress: Is told what is done and which share.
+        progress: Called with the current step and the share that is done.
 
     Returns:
         Lines of a table, the first of kind `UNPERTURBED`: ``kind``, ``size``, ``samples``, errors, ``coverage``,
@@ -127,7 +127,7 @@ def _parts(
     """Test samples spread over all of them; for a method that remembers, each ends a stretch of its session."""
     remembers = next(iter(estimators.values())).uses_history
     last = len(predictions) - 1
-    count = min(max(_LEAST_STRETCHES, frames // _CHUNK) if remembers else frames, len(predictions))
+    count = min(max(MIN_STRETCHES, frames // CHUNK_FRAMES) if remembers else frames, len(predictions))
     # a stretch that ended with the first sample would be that sample alone
     places = np.linspace(0, last, count + 1)[1:] if remembers else np.linspace(0, last, count)
     chosen = np.unique(places.round().astype(np.int64))
@@ -135,7 +135,7 @@ def _parts(
         keys = list(zip(predictions.fold[chosen].tolist(), predictions.session[chosen].tolist(), strict=True))
         for key in dict.fromkeys(keys):
             own = chosen[[index for index, each in enumerate(keys) if each == key]]
-            for some in np.array_split(own, -(-len(own) // _CHUNK)):
+            for some in np.array_split(own, -(-len(own) // CHUNK_FRAMES)):
                 yield _Part(key[0], data.dataset.subset(predictions.index[some]), np.arange(len(some)))
         return
     everything = data.everything
@@ -144,7 +144,7 @@ def _parts(
     for index in chosen.tolist():
         session = np.flatnonzero(everything.session == predictions.session[index])
         end = int(np.searchsorted(session, indices[index])) + 1
-        stretch = session[max(0, end - _CHUNK) : end]
+        stretch = session[max(0, end - CHUNK_FRAMES) : end]
         own = indices[predictions.fold == predictions.fold[index]]
         scored = np.flatnonzero(np.isin(stretch, np.setdiff1d(own, counted)))
         counted = np.union1d(counted, stretch[scored])

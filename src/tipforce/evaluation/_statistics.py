@@ -32,8 +32,8 @@ FEW_SAMPLES = 100
 """Figures of a stratum with fewer samples are marked."""
 
 _RESAMPLES = 4000
-_LIMITS_OF_AGREEMENT = 1.96
-"""95 % of a Gaussian lie within so many standard deviations."""
+LIMITS_OF_AGREEMENT_SIGMA = 1.96
+"""95 % of a Gaussian are within this number of standard deviations."""
 
 
 def bootstrap_mean(
@@ -96,7 +96,7 @@ def bland_altman(
     bias = float(difference.mean())
     within, between = _variances(difference, session[use])
     sd = math.sqrt(within + between)
-    lower, upper = bias - _LIMITS_OF_AGREEMENT * sd, bias + _LIMITS_OF_AGREEMENT * sd
+    lower, upper = bias - LIMITS_OF_AGREEMENT_SIGMA * sd, bias + LIMITS_OF_AGREEMENT_SIGMA * sd
     spread = float(np.var(mean))
     interval = bootstrap_mean(difference, session[use], seed=seed)
     return {
@@ -135,8 +135,8 @@ def coverage_by_stratum(
     Args:
         predictions: Predictions of one method under one protocol.
         by: (n,) value that the strata are of; NaN is in none.
-        edges: Of the strata; a value on an edge lies in the stratum above it, on the last one in the last stratum.
-        unit: Of ``by``, ``n`` or ``deg``: part of the keys.
+        edges: Edges of the strata; a value on an edge is in the stratum above it, on the last one in the last stratum.
+        unit: Unit of ``by``, ``n`` or ``deg``: part of the keys.
         seed: Of the bootstrap.
 
     Returns:

@@ -1,4 +1,4 @@
-"""A method under the thesis's protocol beside the thesis's own figures: the same quantities, and what differs."""
+"""A method under the thesis's protocol beside the thesis's own figures: the same quantities, and the differences."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -26,11 +26,11 @@ THESIS_FIGURES: Mapping[str, Any] = {
     },
     "safe_limit_n": 0.3,
 }
-"""What the thesis states: table 4 (method 1, 55 test samples), table 5 (method 2, 154), the safe limit of the force.
+"""Figures of the thesis: table 4 (method 1, 55 test samples), table 5 (method 2, 154), the safe limit of the force.
 The alarm's limit of this program is 0.4 N by default."""
 
-_FORCE_TOLERANCE_N = 0.02
-"""Measured forces of the thesis's range may lie so far beyond it: noise and steps of the sensor."""
+FORCE_TOLERANCE_N = 0.02
+"""Measured forces may be outside the thesis's range by this: noise and steps of the sensor."""
 
 _SAMPLES = {"svr": (165, 55), "dcfe": (461, 154)}
 """Training and test samples of the thesis."""
@@ -99,7 +99,7 @@ def _differences(evaluation: Evaluation, result: MethodResult, estimator: Estima
     found.append("a simulated bench" if simulated else "another bench")
     low, high = (float(end(predictions.reference_magnitude_n)) for end in (np.min, np.max))
     least, most = THESIS_FIGURES["force_min_n"], THESIS_FIGURES["force_max_n"]
-    if low < least - _FORCE_TOLERANCE_N or high > most + _FORCE_TOLERANCE_N:
+    if low < least - FORCE_TOLERANCE_N or high > most + FORCE_TOLERANCE_N:
         found.append(f"forces of {low:.3f} to {high:.3f} N (thesis: {least:.3f} to {most:.3f} N)")
     if free := np.count_nonzero(~predictions.contact):
         found.append(f"{free} of {len(predictions)} test samples without contact (thesis: always in contact)")

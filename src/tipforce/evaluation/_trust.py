@@ -16,7 +16,7 @@ TRUST_FORCE_BINS_N = (0.0, 0.1, 0.2, 0.3, math.inf)
 """Edges of the strata of the reference magnitude, in newtons."""
 
 AXIS_ANGLE_BINS_DEG = (0.0, 15.0, 30.0, 60.0, 180.0)
-"""Edges of the strata of the force's angle to the shaft's axis: a push along a straight shaft hardly bends it."""
+"""Edges of the strata of the force's angle to the shaft's axis: a push along a straight shaft bends it least."""
 
 _KEPT = np.linspace(1.0, 0.05, 20)
 """Shares of the answered samples that are kept along the curve of error over abstention."""
@@ -45,7 +45,7 @@ def session_groups(dataset: Dataset) -> dict[str, str]:
 
 
 def retention(error_n: FloatArray, uncertainty_n: FloatArray, answered_share: float = 1.0) -> dict[str, Any]:
-    """Mean error of what is kept when the least certain answers are left out (risk-coverage curve).
+    """Computes the mean error of the kept estimates when the least certain are left out (risk-coverage curve).
 
     Answers of one uncertainty are left out in random order, of which this is the mean: a method whose uncertainty is
     always the same has a flat line.

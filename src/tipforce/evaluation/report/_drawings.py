@@ -56,7 +56,7 @@ def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predic
     Args:
         evaluation: The evaluation.
         best: Label of the method whose trace, scatter and agreement are shown.
-        traces: What `traces_of` returned.
+        traces: Result of `traces_of`.
 
     Returns:
         Name of `HEAD` -> drawing.
@@ -145,7 +145,7 @@ def _retention(evaluation: Evaluation) -> Drawing | None:
     against = "the truth" if any(each.truth_metrics for each in results) else "the force sensor"
     caption = (
         f"Errors of the magnitude against {against}. A line begins (dot) at the share that the method abstained from "
-        "by itself and goes on as if it had also left out what its own 90 % intervals call least certain: one that "
+        "by itself and continues as if it had also left out the estimates with the widest intervals: a method that "
         "knows when it is wrong falls to the right. Area: mean of the line over the answers."
     )
     figure = figure_retention(curves, Constant.name, "Error over the share abstained")
@@ -161,7 +161,7 @@ def _splits(evaluation: Evaluation) -> Drawing:
     }
     caption = (
         "Bars: mean absolute error of the magnitude over all test samples. Dots: single sessions. Neighbouring frames "
-        "of one recording leak into a random split; only sessions never seen show what a new recording will get."
+        "of one recording leak into a random split; only sessions never seen show the error on a new recording."
     )
     return drawing_of("splits", caption, figure_splits(maes, evaluation.protocols))
 
@@ -200,8 +200,8 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
     Args:
         evaluation: The evaluation.
         method: Label of the method.
-        best: Label of the method whose agreement stands at the head of the page.
-        traces: What `traces_of` returned.
+        best: Label of the method whose agreement is at the head of the page.
+        traces: Result of `traces_of`.
     """
     number = [each.label for each in evaluation.methods].index(method)
     colour = METHOD_COLOURS[number % len(METHOD_COLOURS)]

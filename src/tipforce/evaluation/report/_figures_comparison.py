@@ -16,7 +16,7 @@ def figure_comparison(compared: Mapping[str, Any]) -> Figure:
     """Mean absolute error (left) and bias (right) over the measured force, a line a method.
 
     Args:
-        compared: What `comparison` returns.
+        compared: Result of `comparison`.
     """
 
     def draw(figure: Figure) -> None:

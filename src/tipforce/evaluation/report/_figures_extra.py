@@ -81,8 +81,8 @@ def _line(
     axes.plot(middle, ratios, marker=marker, linestyle=dashes, color=colour, markersize=4, linewidth=1.3, label=label)
 
 
-_TOP = 2.5
-"""Errors above so many times the constant's are written as numbers at the edge of the scale."""
+MAX_SHOWN_RATIO = 2.5
+"""Errors above this multiple of the constant's are written as numbers at the edge of the scale."""
 
 _Lines = Sequence[Mapping[str, Any]]
 
@@ -100,7 +100,7 @@ def figure_perturbed(lines: Mapping[str, _Lines]) -> Figure:
     sizes = {kind: [line["size"] for line in some if line["kind"] == kind] for kind in kinds}
     errors = [float(line["mae_n"]) for each in lines.values() for line in each]
     mean = float(some[0]["constant"]["mae_n"])
-    top = 1.08 * min(max([mean, *filter(np.isfinite, errors)]), _TOP * mean)
+    top = 1.08 * min(max([mean, *filter(np.isfinite, errors)]), MAX_SHOWN_RATIO * mean)
 
     def draw(figure: Figure) -> None:
         widths = [len(sizes[kind]) + 1 for kind in kinds]

@@ -135,8 +135,8 @@ def figure_bland_altman(predictions: Predictions, agreement: Mapping[str, Any]) 
     """Difference (estimated - measured) over the mean of both, with the bias and the 95 % limits of agreement.
 
     Args:
-        predictions: Of one method.
-        agreement: What `bland_altman` says of their magnitude.
+        predictions: Predictions of one method.
+        agreement: Result of `bland_altman` for their magnitude.
     """
     reference, estimate, _ = predictions.column("magnitude")
     use = predictions.valid
@@ -181,8 +181,8 @@ def figure_coverage(
     """Coverage of the 90 % intervals by stratum, with 95 % confidence intervals; below, the samples of each stratum.
 
     Args:
-        strata: Method -> what `coverage_by_stratum` says.
-        unit: Of the strata, ``n`` or ``deg``.
+        strata: Method -> result of `coverage_by_stratum`.
+        unit: Unit of the strata, ``n`` or ``deg``.
         axis_label: Of the strata.
         title: Of the figure.
         width_in: Width in inches.
@@ -230,7 +230,7 @@ def figure_retention(
     """Mean error of the answers that are kept over the share of the samples left out, the least certain ones first.
 
     Args:
-        curves: Method -> what `retention` says.
+        curves: Method -> result of `retention`.
         constant: Name among them of the constant predictor, which is drawn in grey.
         title: Of the figure.
         width_in: Width in inches.
@@ -351,7 +351,7 @@ def figure_residuals(predictions: Predictions) -> Figure:
             groups = [slot == number for number in range(len(edges) - 1)]
             groups = [group for group in groups if group.any()]
             middle = [float(np.median(reference[group])) for group in groups]
-            # The reference lies inside its interval exactly where the residual lies in (estimate - interval).
+            # The reference is inside its interval exactly where the residual is in (estimate - interval).
             low = [float(np.median((estimate - interval[:, 1])[group])) for group in groups]
             high = [float(np.median((estimate - interval[:, 0])[group])) for group in groups]
             median = [float(np.median(residual[group])) for group in groups]

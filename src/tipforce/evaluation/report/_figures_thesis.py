@@ -14,8 +14,8 @@ from .._metrics import percent_of_true
 from .._predictions import Predictions
 from ._style import COLOURS, MANY_POINTS, WIDTH_IN, grams_axis, legend_above, make_figure
 
-_LEGIBLE = 300
-"""More samples than these cannot be told apart in a line over the sample number."""
+MAX_LEGIBLE_SAMPLES = 300
+"""With more samples the points of a line over the sample number overlap."""
 _SAMPLES, _COLUMNS = 12, 4
 _TILE_PX = 300
 
@@ -71,7 +71,7 @@ def figure_23b(panels_of: Mapping[str, Predictions]) -> Figure:
 
 def figure_24(predictions: Predictions) -> Figure:
     """Observed and fitted force over the training samples (thesis fig. 24)."""
-    part = predictions.where(np.arange(min(len(predictions), _LEGIBLE)))
+    part = predictions.where(np.arange(min(len(predictions), MAX_LEGIBLE_SAMPLES)))
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -153,7 +153,7 @@ def figure_31(predictions: Predictions) -> Figure:
 
 def figure_32(predictions: Predictions) -> Figure:
     """Measured and estimated force over the test samples, a panel for each direction (thesis fig. 32)."""
-    part = predictions.where(np.arange(min(len(predictions), _LEGIBLE)))
+    part = predictions.where(np.arange(min(len(predictions), MAX_LEGIBLE_SAMPLES)))
     axes_of = _components(predictions)
 
     def draw(figure: Figure) -> None:

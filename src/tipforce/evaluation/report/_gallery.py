@@ -36,8 +36,8 @@ def worst_frames(evaluation: Evaluation, method: str, worst: int = 8, abstained:
     Args:
         evaluation: The evaluation.
         method: Label of the method.
-        worst: At most so many errors, largest first, at least a second apart.
-        abstained: Then at most so many frames without an estimate.
+        worst: Largest number of errors, largest first, at least a second apart.
+        abstained: Largest number of frames without an estimate that follow.
     """
     result = evaluation.result(method, evaluation.strictest)
     assert result is not None
@@ -118,7 +118,7 @@ def _session_curves(session: Dataset, most: int = 60) -> list[FloatArray]:
 
 
 def _curve_svg(view: ShapeFeatures, others: list[FloatArray], name: str) -> str:
-    """The curve that the coefficients stand for, on the others of its session."""
+    """Draws the curve of the coefficients on the others of its session."""
     curve = _curve_of_features(view)
     if curve is None:
         return ""

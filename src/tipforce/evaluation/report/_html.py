@@ -24,12 +24,12 @@ def write_report(evaluation: Evaluation, folder: str | Path, command: str = "") 
     """Writes ``report.html``, ``metrics.json`` and ``figures/*.svg``, all or nothing.
 
     Args:
-        evaluation: What `evaluate` returned.
-        folder: Where the report goes; an earlier report there is replaced.
-        command: What was typed to make it.
+        evaluation: Result of `evaluate`.
+        folder: Folder of the report; an earlier report there is replaced.
+        command: The command that makes it.
 
     Returns:
-        What ``metrics.json`` holds, see `summary`.
+        The content of ``metrics.json``, see `summary`.
 
     Raises:
         InputError: ``folder`` holds something that is no part of a report.
@@ -77,7 +77,7 @@ def _fill(folder: Path, page: str, metrics: dict[str, Any], drawings: list[Drawi
 
 @cache
 def _environment() -> Environment:
-    """Templates that escape what comes from files, with filters that write numbers; compiled once a process."""
+    """Returns templates that escape text from files, with filters that write numbers; compiled once a process."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,

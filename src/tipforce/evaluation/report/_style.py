@@ -21,13 +21,13 @@ from .._thesis import THESIS_FIGURES
 TEXT_PX = 12.0
 """Smallest type. One unit of a figure's SVG is never shown smaller than one pixel of the page."""
 WIDTH_IN, WIDE_IN, HEIGHT_IN = 6.8, 14.2, 3.7
-"""Of a figure in one of two columns, of one across both, and of either: four fit on a printed page."""
+"""Widths of a figure in one of two columns and across both, and height of either: four fit on a printed page."""
 MANY_POINTS = 1500
-"""Above so many points a scatter is stored as pixels."""
+"""A scatter with more points is stored as pixels."""
 INK = "#15202b"
 """Text, axes and reference lines."""
 GREY = "#8a939c"
-"""The constant predictor, and whatever is context rather than result."""
+"""Colour of the constant predictor and of all context."""
 COLOURS = {
     "reference": INK,
     "estimate": "#0072b2",
@@ -37,7 +37,7 @@ COLOURS = {
     "second": "#009e73",
 }
 METHOD_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
-"""Okabe and Ito's palette, told apart with any kind of colour vision."""
+"""Okabe and Ito's palette, which people with any colour vision can distinguish."""
 
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -203,7 +203,7 @@ def draw_window(axes: Axes, *, vertical: bool = False, label: bool = True) -> No
 
 
 def window_words() -> str:
-    """What forces below the window and above the limit do.
+    """Returns the effect of forces below the window and above the limit.
 
     >>> window_words()
     'Below 0.1 N (10 g) an ablation fails, above 0.4 N (41 g) the wall may be pierced (the thesis: above 0.3 N)'

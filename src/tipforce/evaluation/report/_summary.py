@@ -1,4 +1,4 @@
-"""An evaluation as nested dicts of numbers and text: what ``metrics.json`` holds and the page is made of."""
+"""An evaluation as nested dicts of numbers and text: the content of ``metrics.json`` and of the page."""
 
 import platform
 from collections.abc import Sequence
@@ -71,10 +71,10 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
 
     Args:
         evaluation: The evaluation.
-        command: What was typed to make it.
+        command: The command that makes it.
 
     Returns:
-        What ``metrics.json`` holds: verdict, notes, data, ``results`` (see `score`) and the methods.
+        The content of ``metrics.json``: verdict, notes, data, ``results`` (see `score`) and the methods.
     """
     data = evaluation.dataset
     return json_ready(
@@ -132,7 +132,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
 
 
 def _bound(evaluation: Evaluation) -> dict[str, Any] | None:
-    """The kinds of Cramer-Rao bound that errors were compared with, and what they take for unknown."""
+    """The kinds of Cramer-Rao bound that errors were compared with, and their unknown quantities."""
     bounds = evaluation.bounds
     if bounds is None or not bounds.std_n:
         return None
@@ -140,13 +140,13 @@ def _bound(evaluation: Evaluation) -> dict[str, Any] | None:
 
 
 def _interval_basis(evaluation: Evaluation, method: str) -> str:
-    """Returns what the intervals of the method rest on under the strictest protocol; empty where nothing says so."""
+    """Returns the basis of the method's intervals under the strictest protocol; empty if it is not stated."""
     result = evaluation.result(method, evaluation.strictest)
     return result.fits[0].facts.interval_basis if result is not None and result.fits else ""
 
 
 def _views(evaluation: Evaluation) -> str:
-    """What a sample is, in words."""
+    """Returns the description of a sample in words."""
     first = next(evaluation.dataset.subset(np.array([0])).observations(), None)
     views = [] if first is None else list(first.views.values())
     if not views:

@@ -84,7 +84,7 @@ FILTERS: dict[str, Callable[..., str]] = {
     "pretty": _pretty,
     "facts": _facts,
 }
-"""Filters of the template: what a value is -> its text. A missing value is a dash."""
+"""Filters of the template: kind of value -> its text. A missing value is a dash."""
 
 _HEAD = ("", "MAE g", "MAE mN", "95 % CI mN", "RMSE mN", "max mN", "bias mN", "R2", "coverage %", "abstained %")
 
@@ -93,7 +93,7 @@ def report_lines(metrics: dict[str, Any]) -> list[str]:
     """The report in a few lines of text: verdict, notes, the table of results.
 
     Args:
-        metrics: What `write_report` or `summary` returns.
+        metrics: Result of `write_report` or `summary`.
     """
     mn, grams, fixed, share, interval = (FILTERS[name] for name in ("mn", "grams", "fixed", "share", "mn_interval"))
     table: list[tuple[str, ...]] = []
@@ -160,7 +160,7 @@ _BESIDE_THESIS = ("", "forces N", "MAE mN", "min", "max", "RMSE x, y mN", "max x
 
 
 def _thesis_lines(metrics: dict[str, Any]) -> list[str]:
-    """Each of the thesis's methods under its protocol beside the thesis's own figures, and what differs."""
+    """Each of the thesis's methods under its protocol beside the thesis's own figures, and the differences."""
     mn, newtons, lines = FILTERS["mn"], FILTERS["newtons"], list[str]()
     for beside in metrics["beside_thesis"].values():
         table: list[tuple[str, ...]] = []
@@ -234,7 +234,7 @@ def _bound_lines(metrics: dict[str, Any]) -> list[str]:
         ratios.append(f"{result['method']} {one} (one frame), {all_frames} (all frames until then)")
     if not ratios:
         return []
-    return [f"Error over the Cramer-Rao bound: {'; '.join(ratios)}. What it takes for unknown: metrics.json.", ""]
+    return [f"Error over the Cramer-Rao bound: {'; '.join(ratios)}. Its unknown quantities: metrics.json.", ""]
 
 
 def _perturbed_lines(metrics: dict[str, Any]) -> list[str]:
