@@ -241,7 +241,7 @@ def test_an_evaluation_that_was_cut_off_goes_on_where_it_stopped(rows, tmp_path,
         return fit(self, dataset, progress)
 
     monkeypatch.setattr(Svr, "fit", cut_off)
-    with pytest.warns(UserWarning, match="keeps what was trained so far"):
+    with pytest.warns(UserWarning, match="keeps the trained models"):
         assert run(*words, "-o", tmp_path / "report").exit_code != 0
     assert len(list((tmp_path / "report.evaluating").iterdir())) == 2
     fitted.clear()

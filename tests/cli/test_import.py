@@ -110,7 +110,7 @@ def test_logs_beside_one_of_a_stated_kind_are_told_apart_as_bench_toml_describes
         (["--fact", "actuation.constant.knob_deg=x"], "actuation.constant.knob_deg = 'x' is refused: input should be"),
         (["--fact", "base_side"], "expected KEY=VALUE"),
         (["--tare", "5"], "START:END"),
-        (["--tare", "5:2"], "does not lie behind"),
+        (["--tare", "5:2"], "is not behind"),
         (["--offset-ms", "soon"], "milliseconds, auto, none or start"),
         (["--fact", "catheter.colour=1"], "catheter.colour is not known; catheter may hold name"),
         (["--fact", "views.camera.polarity=pink"], "views.camera.polarity = 'pink' is refused"),

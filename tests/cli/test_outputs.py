@@ -22,10 +22,10 @@ def refused(*words: object) -> str:
 def test_what_is_read_is_never_written_over(model: Path, video: Path, tmp_path: Path, option: str) -> None:
     before = video.read_bytes()
     said = refused("estimate", model, video, "--knob-deg", 10, "-o", tmp_path / "f.csv", "--overwrite", option, video)
-    assert "is what is read" in said
+    assert "is the input" in said
     assert video.read_bytes() == before
     assert not list(tmp_path.iterdir())
-    assert "is what is read" in refused("inspect", video, option.replace("--overlay", "-o"), video)
+    assert "is the input" in refused("inspect", video, option.replace("--overlay", "-o"), video)
 
 
 def test_two_outputs_must_not_be_one_file(model: Path, video: Path, tmp_path: Path) -> None:

@@ -308,7 +308,7 @@ def test_truth_of_another_session_of_the_same_name_is_refused(make_bench):
     data = make_bench(sessions=1, frames=6)
     jitter = np.array([2.2, -1.8, 0.4, -2.9, 3.3, -1.2])
     beside = data.stamp_ns + (1e6 * jitter).astype(np.int64)
-    with pytest.raises(InputError, match=r"truth of s0 belongs to another recording .* lie 2.0 ms beside"):
+    with pytest.raises(InputError, match=r"truth of s0 belongs to another recording .* 2.0 ms from"):
         truth_at(data, {"s0": (beside, np.zeros((6, 3)))})
 
 

@@ -355,7 +355,7 @@ def test_a_log_that_covers_a_part_of_the_video_is_remarked_on(run: Run, tmp_path
     assert 5 < count < 40
     assert any(remark.startswith(f"only {count} of 192 images have a force: ") for remark in report.remarks)
     (tmp_path / "rare.csv").write_text("\n".join([lines[0], *lines[1::100]]))
-    with pytest.raises(TimeError, match=r"its readings lie 0\.1 s apart, at most 0\.05 s are allowed"):
+    with pytest.raises(TimeError, match=r"its readings are 0\.1 s apart, at most 0\.05 s are allowed"):
         import_session(run.video, tmp_path / "rare.csv", tmp_path / "rare.mcap", offset_ms="none", tare="none")
 
 

@@ -111,8 +111,8 @@ def bound_ratios(
     """Errors over their Cramer-Rao bounds, of the samples in contact that have an estimate and a bound.
 
     Each ratio is the median of |error| / bound, divided by a Gaussian's 0.674: an efficient estimator has 1.
-    ``rms_ratio`` is the root mean square error over the root mean square bound, which is the figure that the bound limits; a few
-    large errors dominate it.
+    ``rms_ratio`` is the root mean square error over the root mean square bound, the figure that the bound limits; a
+    few large errors dominate it.
 
     Args:
         predictions: Predictions whose reference is the true force.
