@@ -174,7 +174,7 @@ def test_a_course_is_one_smooth_motion_in_time_and_a_stop_brakes_it(bench):
     grbl, stage, _ = bench
     began = time.monotonic()
     stage.actuators.follow(wave)
-    with pytest.raises(DeviceError, match="follows a course; stop it before another command"):
+    with pytest.raises(DeviceError, match="follows a trajectory; stop it before another command"):
         stage.actuators.command({"stage_forward_mm": 0.0})
     seconds, places = [], []
     while time.monotonic() - began < 6.0:

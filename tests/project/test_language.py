@@ -45,7 +45,6 @@ REMAINING: dict[str, int] = {
     "datasets": 69,
     "estimators": 219,
     "geometry": 2,
-    "hardware": 90,
     "limits": 12,
     "live": 135,
     "mechanics": 78,

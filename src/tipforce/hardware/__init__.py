@@ -1,7 +1,7 @@
 """Real benches: drivers of cameras, force sensors, stages and knobs, and a `Source` of all their events.
 
-Each driver has a typed config, a table of ``bench.toml``; reads the settings back that it asked for; is connected again
-where it is lost; and has an emulator in `tipforce.hardware.emulators`, or a stand-in in the tests.
+Each driver has a typed config, a table of ``bench.toml``. It reads the requested settings back, is connected again
+where it is lost, and has an emulator in `tipforce.hardware.emulators`, or a substitute in the tests.
 """
 
 from .._system.arrival_clock import ArrivalClock, ClockReport

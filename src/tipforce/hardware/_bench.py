@@ -1,4 +1,4 @@
-"""``[hardware]`` of ``bench.toml``: which devices a bench has, each with the config of its driver."""
+"""Reads ``[hardware]`` of ``bench.toml``: the devices of a bench, each with the config of its driver."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ _TABLES = ("cameras", "force", "stage", "knob")
 
 @dataclass(frozen=True, slots=True)
 class BenchDevices:
-    """The devices of a bench, described: by view the cameras; each of the others, or None."""
+    """Configs of the devices of a bench: of the cameras by view, and of each other device, or None."""
 
     cameras: Mapping[str, DeviceConfig] = field(default_factory=dict[str, DeviceConfig])
     force: DeviceConfig | None = None
@@ -44,7 +44,7 @@ class BenchDevices:
     knob: DeviceConfig | None = None
 
     def drivers(self) -> list[Driver]:
-        """A driver of each, not yet connected. Raises FileFormatError for a calibration file that cannot be read."""
+        """Returns a driver for each device, not connected. Raises FileFormatError where a calibration is unreadable."""
         made = [_driver("cameras", config, view) for view, config in self.cameras.items()]
         made += [
             _driver(name, config, name)
@@ -54,7 +54,7 @@ class BenchDevices:
         return made
 
     def values(self) -> dict[str, Any]:
-        """As JSON values, in the form of ``bench.toml``."""
+        """Returns the configs as JSON values, in the form of ``bench.toml``."""
         single = {"force": self.force, "stage": self.stage, "knob": self.knob}
         return {
             "cameras": {view: config.model_dump(mode="json") for view, config in self.cameras.items()},
@@ -68,7 +68,7 @@ def _driver(table: str, config: DeviceConfig, name: str) -> Driver:
 
 
 def read_devices(path: Path | str) -> BenchDevices:
-    """The devices that ``bench.toml`` at ``path`` describes; files are named relative to it.
+    """Reads the devices in the ``bench.toml`` at ``path``; files are named relative to it.
 
     Raises:
         FileFormatError: there is no such file, or it is no TOML.
@@ -123,7 +123,7 @@ def _config(where: str, section: str, key: str, values: object, folder: Path) ->
 
 
 def _fields_at(kind: type[DeviceConfig], path: list[str]) -> tuple[str, ...]:
-    """Returns what the table at ``path`` within a config may hold."""
+    """Returns the names that the table at ``path`` within a config may hold."""
     found = _model_in(kind.model_fields[path[0]].annotation) if path else kind
     return tuple((found or kind).model_fields)
 
@@ -142,7 +142,7 @@ def _refuse_strangers(where: str, key: str, values: Mapping[str, Any], known: tu
 
 
 def open_bench(path: Path | str, *, newest_only: bool = False, clock: Clock | None = None) -> HardwareSource:
-    """The devices that ``bench.toml`` describes as a source of their events, not yet entered.
+    """Opens the devices in ``bench.toml`` as a source of their events, not yet entered.
 
     Args:
         path: the ``bench.toml``; its other tables become the session's metadata.
@@ -150,7 +150,7 @@ def open_bench(path: Path | str, *, newest_only: bool = False, clock: Clock | No
         clock: see `HardwareSource`.
 
     Raises:
-        FileFormatError, InputError: as `read_devices`; also where the bench has no device.
+        FileFormatError, InputError: see `read_devices`; also where the bench has no device.
     """
     devices = read_devices(path)
     drivers = devices.drivers()

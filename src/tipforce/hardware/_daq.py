@@ -19,16 +19,23 @@ from ._net_ft import unit_in_newton_metres, unit_in_newtons
 _AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 _GAUGES = 6
 _MAX_BYTES = 1 << 20
-_SILENT_S = 1.0
+MAX_SILENCE_S = 1.0
 _BLOCK_S = 0.01
-"""Samples are fetched in blocks of so long."""
-_SATURATED = 0.999
-"""Share of the input range from which on a gauge counts as saturated: the force is then anything."""
+"""Length of a block of samples, s."""
+SATURATED_SHARE = 0.999
+"""A gauge above this share of its input range is saturated, and the force is then unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DaqCalibration:
-    """What a sensor's ``.cal`` says: ``matrix`` (6, 6), volts of the gauges to N and N m; ``range_v``: of each."""
+    """The calibration of a sensor (``.cal``).
+
+    Attributes:
+        matrix: (6, 6) from volts of the gauges to N and N m.
+        range_v: input range of each gauge, V.
+        serial: serial number of the sensor.
+        part: its part number.
+    """
 
     matrix: FloatArray
     range_v: tuple[float, float]
@@ -36,15 +43,23 @@ class DaqCalibration:
     part: str
 
     def wrench(self, volts: FloatArray, zero_v: FloatArray) -> FloatArray:
-        """(n, 6) N and N m of ``volts`` (n, 6), with ``zero_v`` (6,) as the gauges without a load."""
+        """Converts volts to a wrench.
+
+        Args:
+            volts: (n, 6) readings of the gauges, V.
+            zero_v: (6,) readings without load, V.
+
+        Returns:
+            (n, 6) forces in N and torques in N m.
+        """
         return (volts - zero_v) @ self.matrix.T
 
 
 def read_calibration(path: Path | str) -> DaqCalibration:
-    """An ATI calibration file (FTSensor, Family "DAQ").
+    """Reads an ATI calibration file (FTSensor, Family "DAQ").
 
-    Its ``UserAxis`` rows hold the matrix from volts to the stated units. Older files have ``Axis`` rows only: the same
-    times ``scale``, before the tool transform (after ATI's DAQ F/T C library, ``BasicMatrix = values / scale``).
+    Its ``UserAxis`` rows hold the matrix from volts to the stated units. Older files have only ``Axis`` rows: the same
+    times ``scale``, before the tool transform (ATI's DAQ F/T C library, ``BasicMatrix = values / scale``).
 
     Raises FileFormatError.
     """
@@ -101,8 +116,11 @@ def _row(node: ElementTree.Element, path: Path, *, scaled: bool) -> list[float]:
 class DaqForceConfig(DeviceConfig, frozen=True):
     """``[hardware.force]`` with ``driver = "daq"``.
 
-    ``channels``: the six gauges in order, as "Dev1/ai0:5". ``zero_s``: so long after connecting nothing touches the
-    sensor, and the mean of the gauges becomes 0; 0 for none (a tare is found in any case).
+    Attributes:
+        channels: the six gauges in order, as "Dev1/ai0:5".
+        zero_s: time after connecting without a load, s; the mean of the gauges in it becomes 0. 0 for none (the tare is
+            found in any case).
+        latency_ms: delay of the samples, which is subtracted from the stamps, ms.
     """
 
     driver: Literal["daq"] = "daq"
@@ -115,7 +133,7 @@ class DaqForceConfig(DeviceConfig, frozen=True):
 
 
 class DaqForce(Driver):
-    """One sensor. ``nidaqmx``: in place of the package of this name."""
+    """Driver of one sensor. ``nidaqmx``: replaces the package of this name."""
 
     config_type = DaqForceConfig
 
@@ -141,7 +159,7 @@ class DaqForce(Driver):
         return (DeclaredStream("force", "wrench", self.config.rate_hz, clock),)
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Start to sample the gauges without end."""
+        """Starts to sample the gauges continuously."""
         module = self._nidaqmx or _nidaqmx()
         low, high = self.calibration.range_v
         kinds = module.constants
@@ -177,16 +195,16 @@ class DaqForce(Driver):
         )
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """A block of samples. Those with a saturated gauge give no force and are counted."""
+        """Returns a block of samples. Samples with a saturated gauge give no force and are counted."""
         assert self._clock is not None
         module = self._nidaqmx or _nidaqmx()
         count = max(1, round(_BLOCK_S * self._rate_hz))
         try:
             rows = self._task.read(number_of_samples_per_channel=count, timeout=max(timeout_s, 2 * _BLOCK_S))
         except module.errors.DaqReadError as error:
-            if self._clock.now_ns() - self._heard_ns <= _SILENT_S * 1e9:
+            if self._clock.now_ns() - self._heard_ns <= MAX_SILENCE_S * 1e9:
                 return ()
-            raise DeviceError(f"{self._where}: has given no samples for {_SILENT_S:g} s: {error}") from None
+            raise DeviceError(f"{self._where}: has given no samples for {MAX_SILENCE_S:g} s: {error}") from None
         except (module.errors.Error, OSError) as error:
             raise DeviceError(f"{self._where}: is lost: {str(error).splitlines()[0]}") from None
         arrival = self._heard_ns = self._clock.now_ns()
@@ -205,7 +223,7 @@ class DaqForce(Driver):
     def _wrenches(self, volts: FloatArray, first_ns: int, period_ns: float) -> Sequence[Event]:
         low, high = self.calibration.range_v
         middle, half = (low + high) / 2, (high - low) / 2
-        sound = (np.abs(volts - middle) < _SATURATED * half).all(axis=1)
+        sound = (np.abs(volts - middle) < SATURATED_SHARE * half).all(axis=1)
         if not sound.all():
             self.counts["saturated"] += int((~sound).sum())
             self.remark = f"{self._where}: a gauge was saturated: the sensor is overloaded, or a cable is broken"
@@ -217,7 +235,7 @@ class DaqForce(Driver):
         ]
 
     def close(self) -> None:
-        """Let go of the card."""
+        """Releases the card."""
         if self._task is not None:
             module = self._nidaqmx or _nidaqmx()
             try:
@@ -227,7 +245,7 @@ class DaqForce(Driver):
             self._task = None
 
     def clocks(self) -> Mapping[str, ClockReport]:
-        """The card's sample count against the host's clock."""
+        """Returns the report on the clock of the card: its sample count compared with the clock of the host."""
         return {"force": self._map.report()}
 
     @property
@@ -237,6 +255,6 @@ class DaqForce(Driver):
 
 def _nidaqmx() -> Any:
     try:
-        return importlib.import_module("nidaqmx")  # brings its constants and errors along
+        return importlib.import_module("nidaqmx")  # imports its constants and errors, too
     except ModuleNotFoundError:
         raise MissingExtraError("nidaqmx", extra="hardware") from None

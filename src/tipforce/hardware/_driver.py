@@ -1,4 +1,4 @@
-"""What every driver is: a typed config, streams that it declares, settings read back, and readings when asked."""
+"""Interface of all drivers: a typed config, declared streams, settings that are read back, and readings on request."""
 
 import math
 import time
@@ -35,7 +35,7 @@ class DeviceConfig(DeviceTable, frozen=True):
     driver: str = ""
 
     def located(self, folder: Path) -> Self:
-        """Returns the config with its files relative to ``folder``, in which ``bench.toml`` is."""
+        """Returns the config with its files relative to ``folder``, the folder of ``bench.toml``."""
         return self.model_copy(update={name: folder / value for name, value in self if isinstance(value, Path)})
 
 
@@ -47,8 +47,11 @@ class EndOfStream(Exception):
 class DeclaredStream:
     """A stream that a device will give.
 
-    ``name``: as in a recording: a view, "force", "joints" or "stage". ``rate_hz``: as asked for, None where it comes
-    when it comes. ``clock``: one line on what its stamps are.
+    Attributes:
+        name: its name in a recording: a view, "force", "joints" or "stage".
+        kind: kind of its events.
+        rate_hz: requested rate, Hz; None where it is irregular.
+        clock: one line on the meaning of its stamps.
     """
 
     name: str
@@ -59,7 +62,7 @@ class DeclaredStream:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A setting of a device: what was asked for (None: nothing), and what the device has."""
+    """A setting of a device. ``requested``: None if none was requested; ``actual``: the value that the device has."""
 
     name: str
     requested: float | str | None
@@ -67,7 +70,7 @@ class Setting:
 
     @property
     def differs(self) -> bool:
-        """Whether the device has another value than was asked for; numbers may differ by a thousandth.
+        """Whether the device has another value than the requested one; numbers may differ by a thousandth.
 
         >>> Setting("fps", 60, 59.97).differs, Setting("fps", 60, 30.0).differs
         (False, True)
@@ -80,13 +83,15 @@ class Setting:
 
 
 class Driver(ABC):
-    """One device. All calls come from one thread, but for ``counts``, ``clocks`` and what a driver adds to them.
+    """One device. All calls come from one thread, but for ``counts``, ``clocks`` and methods that a driver adds.
 
     A driver of ``bench.toml`` is made as ``Driver(config, name)``, where ``config`` is an instance of its
     ``config_type``, and ``name`` that of its table: "force", "stage" or "knob", and the view of a camera.
 
-    ``name``: its table in ``bench.toml``, as "force" or "cameras.a". ``counts``: what went wrong how often, by name,
-    over all connections. ``remark``: one sentence on what is wrong with a device that answers, or empty.
+    Attributes:
+        name: its table in ``bench.toml``, as "force" or "cameras.a".
+        counts: fault -> number of times, over all connections.
+        remark: one sentence on a fault of a device that responds, or empty.
     """
 
     config_type: ClassVar[type[DeviceConfig]] = DeviceConfig
@@ -100,35 +105,35 @@ class Driver(ABC):
     @property
     @abstractmethod
     def streams(self) -> tuple[DeclaredStream, ...]:
-        """What it will give."""
+        """The streams that it will give."""
 
     @abstractmethod
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Open the device; stamps are on ``clock``. Returns the settings as the device has them. Raises DeviceError."""
+        """Opens the device, with stamps on ``clock``. Returns the settings of the device. Raises DeviceError."""
 
     @abstractmethod
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """Readings that have come, or that come within ``timeout_s``; may be none.
+        """Returns the readings that have come, or that come within ``timeout_s``, if any.
 
-        Raises DeviceError where the device is lost, to be connected anew, and EndOfStream.
+        Raises DeviceError where the device is lost and must be connected again, and EndOfStream.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the device, whatever state it is in."""
+        """Releases the device, in any state."""
 
     def clocks(self) -> Mapping[str, ClockReport]:
-        """How the clock of each stream lies; without an entry its stamps are those of the arrival."""
+        """Returns the report on the clock of each stream; the stamps of other streams are those of the arrival."""
         return {}
 
 
 def stream_of(event: Event) -> str:
-    """The name of the stream that ``event`` belongs to."""
+    """Returns the name of the stream of ``event``."""
     if isinstance(event, Frame):
         return event.view
     return "force" if isinstance(event, Wrench) else event.stream
 
 
 def monotonic_to(clock: Clock) -> int:
-    """What to add to nanoseconds of the system's monotonic clock for those of ``clock``."""
+    """Returns the nanoseconds of ``clock`` minus those of the monotonic clock of the system."""
     return clock.now_ns() - time.monotonic_ns()

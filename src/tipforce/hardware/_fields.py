@@ -1,4 +1,4 @@
-"""Cameras whose even and odd rows are taken at two instants (interlaced): refused, or read by their even rows."""
+"""Checks cameras whose even and odd rows are taken at two instants (interlaced): refused, or read by even rows."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ..types import Image
 
 
 def even_rows(image: Image) -> Image:
-    """Returns ``image`` with its odd rows replaced by the mean of the even rows beside them: one instant.
+    """Returns ``image`` with its odd rows replaced by the mean of the neighbouring even rows: one instant.
 
     >>> even_rows(np.array([[10], [99], [20], [99]], np.uint8)).ravel().tolist()
     [10, 15, 20, 20]
@@ -22,12 +22,12 @@ def even_rows(image: Image) -> Image:
 
 
 class FieldCheck:
-    """Takes the images of one connection to a camera, until they show whether their rows are of one instant.
+    """Checks the images of one connection to a camera until they show whether their rows are of one instant.
 
     Args:
         view: the camera's name in ``bench.toml``.
         where: the camera, for the message.
-        deinterlace: whether each image is made of its even rows alone, so that nothing has to be found out.
+        deinterlace: whether each image is made of its even rows alone; then nothing is checked.
     """
 
     def __init__(self, view: str, where: str, *, deinterlace: bool) -> None:
@@ -38,7 +38,7 @@ class FieldCheck:
         """Returns the image (h, w) or (h, w, 3) whose rows are of one instant.
 
         Raises:
-            DeviceError: the images so far show that even and odd rows are taken at two instants.
+            DeviceError: the images show that even and odd rows are taken at two instants.
         """
         if self._deinterlace:
             return even_rows(image)

@@ -14,18 +14,22 @@ from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
 from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
 from ._stream import size_of
 
-_SILENT_S = 2.0
-_LONGEST_STEP_NS = 1_000_000_000
+MAX_SILENCE_S = 2.0
+MAX_STEP_NS = 1_000_000_000
 _BAYER = {"BayerRG8": "BayerRGGB", "BayerGB8": "BayerGBRG", "BayerGR8": "BayerGRBG", "BayerBG8": "BayerBGGR"}
-"""Name of the first two rows' colours -> OpenCV's."""
+"""Name by the colours of the first two rows -> name of OpenCV."""
 
 
 class GenICamCameraConfig(DeviceConfig, frozen=True):
     """``[hardware.cameras.VIEW]`` with ``driver = "genicam"``.
 
-    ``producer``: the GenTL producer (.cti) of the camera's maker. ``serial_number``: which camera; else the first one.
-    ``nodes``: features to be set, by their GenICam names, as { ExposureTime = 4000.0 }; they are read back.
-    ``latency_ms``: from mid-exposure to the arrival of the image that arrives fastest.
+    Attributes:
+        producer: GenTL producer (.cti) of the camera's maker.
+        serial_number: serial number of the camera; None for the first one.
+        fps: requested rate, Hz.
+        nodes: features to set, by their GenICam names, as { ExposureTime = 4000.0 }; they are read back.
+        grey: whether images are converted to grey.
+        latency_ms: shortest time from mid-exposure to the arrival of an image, ms.
     """
 
     driver: Literal["genicam"] = "genicam"
@@ -38,7 +42,7 @@ class GenICamCameraConfig(DeviceConfig, frozen=True):
 
 
 class GenICamCamera(Driver):
-    """One camera."""
+    """Driver of one camera."""
 
     config_type = GenICamCameraConfig
 
@@ -63,7 +67,7 @@ class GenICamCamera(Driver):
         return (DeclaredStream(self.view, "frame", self.config.fps, clock),)
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Find the camera, set and read back its features, and start it."""
+        """Finds the camera, sets and reads back its features, and starts it."""
         try:
             from harvesters.core import Harvester  # pyright: ignore[reportMissingImports]
         except ModuleNotFoundError:
@@ -72,7 +76,7 @@ class GenICamCamera(Driver):
         if not config.producer.is_file():
             raise DeviceError(f"{self._where}: there is no GenTL producer {config.producer}")
         self._clock, self._stamped, self._size = clock, True, ""
-        self._map, self._wait, self._late = ArrivalClock(_LONGEST_STEP_NS), ArrivalWait(local=True), LatenessCheck()
+        self._map, self._wait, self._late = ArrivalClock(MAX_STEP_NS), ArrivalWait(local=True), LatenessCheck()
         self._heard_ns, self._asked_ns = clock.now_ns(), 0
         try:
             self._harvester = Harvester()
@@ -89,7 +93,7 @@ class GenICamCamera(Driver):
             self._acquirer.start()
         except DeviceError:
             raise
-        except Exception as error:  # each producer raises its own kinds
+        except Exception as error:  # each producer raises its own kinds of errors
             raise DeviceError(f"{self._where}: {error}") from None
         return settings
 
@@ -111,9 +115,9 @@ class GenICamCamera(Driver):
         return tuple(found)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """The next whole image, copied out of the producer's buffer.
+        """Returns the next complete image, copied from the buffer of the producer.
 
-        Raises DeviceError where the camera is lost, its images changed their size, or stay late by a second.
+        Raises DeviceError where the camera is lost, or its images change their size or stay late by a second.
         """
         assert self._clock is not None
         self._asked_ns = self._asked_ns or self._clock.now_ns()
@@ -121,8 +125,8 @@ class GenICamCamera(Driver):
             buffer = self._acquirer.try_fetch(timeout=timeout_s)
             arrival = self._clock.now_ns()
             if buffer is None:
-                if arrival - self._heard_ns > _SILENT_S * 1e9:
-                    raise DeviceError(f"{self._where}: has given no image for {_SILENT_S:g} s")
+                if arrival - self._heard_ns > MAX_SILENCE_S * 1e9:
+                    raise DeviceError(f"{self._where}: has given no image for {MAX_SILENCE_S:g} s")
                 return ()
             self._heard_ns = arrival
             with buffer:
@@ -134,7 +138,7 @@ class GenICamCamera(Driver):
                 device_ns = self._device_ns(buffer)
         except DeviceError:
             raise
-        except Exception as error:  # each producer raises its own kinds
+        except Exception as error:  # each producer raises its own kinds of errors
             raise DeviceError(f"{self._where}: is lost: {error}") from None
         self._size = self._size or size_of(image)
         if size_of(image) != self._size:
@@ -152,7 +156,7 @@ class GenICamCamera(Driver):
         return (Frame(arrival - latency_ns, image, self.view, wait_ns),)
 
     def _device_ns(self, buffer: Any) -> int | None:
-        """The camera's stamp; None where it gives none."""
+        """Returns the stamp of the camera; None where it gives none."""
         if self._stamped:
             try:
                 return int(buffer.timestamp_ns)
@@ -182,7 +186,7 @@ class GenICamCamera(Driver):
         return whole.copy() if order == to else cv2.cvtColor(whole, getattr(cv2, f"COLOR_{order}2{to}"))
 
     def close(self) -> None:
-        """Stop the camera and let go of the producer."""
+        """Stops the camera and releases the producer."""
         acquirer, self._acquirer = self._acquirer, None
         harvester, self._harvester = self._harvester, None
         try:
@@ -195,7 +199,7 @@ class GenICamCamera(Driver):
             self.remark = f"{self._where}: {error}"
 
     def clocks(self) -> Mapping[str, ClockReport]:
-        """The camera's stamps against the host's clock."""
+        """Returns the report on the clock of the camera, compared with the clock of the host."""
         return {self.view: self._map.report()} if self._stamped else {}
 
     @property

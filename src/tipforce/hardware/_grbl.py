@@ -1,9 +1,9 @@
-"""A motion stage (or the catheter's own drives) behind a GRBL 1.1 controller at a serial port.
+"""Driver of a motion stage (or of the catheter's own drives) with a GRBL 1.1 controller at a serial port.
 
-Spoken send-response: one line waits for its ``ok`` before the next is sent; only a course (`GrblActuators.follow`)
-sends as many lines ahead as the controller's buffer takes. Moves are jogs (``$J=``), which keep to the
-controller's soft limits and can be cancelled (0x85) without losing the position; ``?`` asks for the status at any time.
-Source: the GRBL v1.1 wiki, "Interface" and "Jogging".
+The protocol is send-response: each line waits for the ``ok`` to the one before. Only a trajectory
+(`GrblActuators.follow`) sends as many lines ahead as the buffer of the controller takes. Moves are jogs (``$J=``),
+which keep to the soft limits of the controller and can be cancelled (0x85) without losing the position; ``?`` requests
+the status at any time. Source: the GRBL v1.1 wiki, "Interface" and "Jogging".
 """
 
 import math
@@ -23,18 +23,18 @@ from ._grbl_course import Course, CourseStream
 from ._serial import LinePort
 
 STATUS, HOLD, RESET, CANCEL = b"?", b"!", b"\x18", b"\x85"
-"""Real-time commands: answered or obeyed at once, wherever in a line they come."""
+"""Real-time commands: the controller executes them immediately, at any position in a line."""
 _LETTERS = "XYZABC"
 _SPEED, _ACCELERATION, _TRAVEL = 110, 120, 130
 """First number of the settings of each axis: mm/min, mm/s^2, mm."""
 _INCHES = "13"
-_WAKE_S, _ANSWER_S, _SILENT_S = 3.0, 1.0, 1.0
-_WAIT_S = 0.005
-"""For an answer: how soon a command goes out at the latest."""
+MAX_WAKE_S, MAX_RESPONSE_S, MAX_SILENCE_S = 3.0, 1.0, 1.0
+MAX_WAIT_S = 0.005
+"""Longest wait for a response; it is also the longest delay of a command."""
 _STATUS = re.compile(r"<(\w+)(?::\d+)?\|(.*)>")
 
 _ALARMS = {
-    "1": "a hard limit was hit: the position may be lost", "2": "the target lies beyond the soft limits",
+    "1": "a hard limit was hit: the position may be lost", "2": "the target is beyond the soft limits",
     "3": "a reset while it moved: the position may be lost", "8": "homing failed", "9": "homing failed",
     "at power-up": "the controller is locked until it is homed or unlocked",
 }  # fmt: skip
@@ -43,8 +43,13 @@ _ALARMS = {
 class AxisConfig(DeviceTable, frozen=True):
     """``[hardware.stage.axes.NAME_UNIT]``: one axis.
 
-    ``axis``: the controller's letter. ``low`` and ``high``: how far it may go. ``max_speed`` and ``max_acceleration``:
-    at most; else the controller's. ``scale``: the controller's units for one of ours; negative turns it round.
+    Attributes:
+        axis: letter of the controller.
+        low: lowest position.
+        high: highest position.
+        max_speed: largest speed; None for that of the controller.
+        max_acceleration: largest acceleration; None for that of the controller.
+        scale: units of the controller for one of ours; negative values reverse the direction.
     """
 
     axis: Literal["X", "Y", "Z", "A", "B", "C"]
@@ -58,10 +63,17 @@ class AxisConfig(DeviceTable, frozen=True):
 class MotionConfig(DeviceTable, frozen=True):
     """``[hardware.stage.motion]``: the stage moves like a heart while `tipforce record` runs.
 
-    ``wave``: one of those of `mechanics.HEART_WAVES`. ``amplitude_mm``: forward, half of peak to peak, at ``rate_hz``;
-    to the side it is ``lateral_share`` of that, ``lateral_phase_deg`` ahead. Respiration moves forward, as a sine.
-    ``middle_mm``: of the axis ``stage_forward_mm``, about which all of it happens. ``rest_s``: so long the stage first
-    stands at the middle minus both amplitudes, away from the tip, for the tare.
+    Attributes:
+        wave: one of `mechanics.HEART_WAVES`.
+        amplitude_mm: forward amplitude, half of peak to peak, mm.
+        rate_hz: heart rate, Hz.
+        lateral_share: amplitude to the side, divided by the forward one.
+        lateral_phase_deg: phase by which the motion to the side is ahead, degrees.
+        respiration_mm: amplitude of the respiration, a sine forward, mm.
+        respiration_hz: its rate, Hz.
+        middle_mm: middle of the motion, position of the axis ``stage_forward_mm``, mm.
+        rest_s: time for which the stage first rests at the middle minus both amplitudes, away from the tip, for the
+            tare, s.
     """
 
     wave: Literal["sine", "half-wave PQRST"] = "sine"
@@ -78,8 +90,13 @@ class MotionConfig(DeviceTable, frozen=True):
 class GrblConfig(DeviceConfig, frozen=True):
     """``[hardware.stage]`` with ``driver = "grbl"``; positions are the controller's work coordinates.
 
-    ``settings``: of the controller, by number, as { "120" = 500.0 }: held against what ``$$`` reads back, never set.
-    ``zero``: where the axes stand when connected is 0. ``status_hz``: how often the position is asked for.
+    Attributes:
+        settings: settings of the controller by number, as { "120" = 500.0 }; they are compared with the response to
+            ``$$``, never set.
+        zero: whether the positions of the axes at connecting become 0.
+        status_hz: rate of the requests for the position, Hz.
+        latency_ms: delay of the status, which is subtracted from the stamps, ms.
+        motion: motion during `tipforce record`.
     """
 
     driver: Literal["grbl"] = "grbl"
@@ -94,7 +111,7 @@ class GrblConfig(DeviceConfig, frozen=True):
 
 
 class GrblStage(Driver):
-    """One controller. ``actuators`` commands it, from any thread, while a source reads it."""
+    """Driver of one controller. ``actuators`` commands it, from any thread, while a source reads it."""
 
     config_type = GrblConfig
 
@@ -104,7 +121,7 @@ class GrblStage(Driver):
         self.actuators = GrblActuators(self)
         self.lock = threading.RLock()
         self.state = ""
-        """As the controller says: "Idle", "Jog", "Run", "Hold", "Alarm", ..."""
+        """State that the controller reports: "Idle", "Jog", "Run", "Hold", "Alarm", ..."""
         self.alarm = ""
         self.limits: dict[str, AxisLimits] = {}
         self._port: LinePort | None = None
@@ -127,11 +144,11 @@ class GrblStage(Driver):
         return tuple(DeclaredStream(name, "actuation", self.config.status_hz, clock) for name in names)
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Reset the controller, which forgets what it was doing, and read its settings back."""
+        """Resets the controller, which cancels its motion, and reads its settings back."""
         port = self._port = LinePort(self.config.port, self.config.baud, self._where)
         self._clock = clock
         port.write(RESET)
-        self._await(lambda line: line.startswith("Grbl "), _WAKE_S, "its greeting")
+        self._await(lambda line: line.startswith("Grbl "), MAX_WAKE_S, "its greeting")
         found = self._settings_read()
         if found.get(_INCHES):
             raise DeviceError(f"{self._where}: reports inches; send $13=0 to it")
@@ -148,18 +165,18 @@ class GrblStage(Driver):
             self.state = self.alarm = ""
             self._heard_s = time.monotonic()
         self._ask()
-        self._await(lambda _: bool(self.state), _ANSWER_S, "its status")
+        self._await(lambda _: bool(self.state), MAX_RESPONSE_S, "its status")
         if self.config.zero and not self.alarm:
             letters = "".join(f" {axis.axis}0" for axis in self.config.axes.values())
             port.write(f"G10 L20 P1{letters}\n".encode())
-            self._await(lambda line: line == "ok", _ANSWER_S, "ok to the new zero")
+            self._await(lambda line: line == "ok", MAX_RESPONSE_S, "ok to the new zero")
             self._offset = []
         return tuple(settings)
 
     def _limits_of(
         self, name: str, axis: AxisConfig, found: Mapping[str, float], settings: list[Setting]
     ) -> AxisLimits:
-        """What an axis keeps to: the lower of what is stated and what the controller has."""
+        """Returns the limits of an axis: of each, the lower of the stated value and that of the controller."""
         place, per_unit = _LETTERS.index(axis.axis), abs(axis.scale)
         values: list[float] = []
         for key, first, per_s, stated in (
@@ -191,10 +208,10 @@ class GrblStage(Driver):
             return line == "ok"
 
         self._port.write(b"$$\n")
-        self._await(take, _ANSWER_S, "its settings")
+        self._await(take, MAX_RESPONSE_S, "its settings")
         return found
 
-    def _await(self, done: Callable[[str], bool], seconds: float, what: str) -> None:
+    def _await(self, done: Callable[[str], bool], seconds: float, reply: str) -> None:
         assert self._port is not None
         end = time.monotonic() + seconds
         while time.monotonic() < end:
@@ -202,21 +219,21 @@ class GrblStage(Driver):
                 self._take(line)
                 if done(line):
                     return
-        raise DeviceError(f"{self._where}: {self.config.port} does not answer ({what}); check baud and power")
+        raise DeviceError(f"{self._where}: {self.config.port} does not answer ({reply}); check baud and power")
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """Ask for the status in time, hear the answers, and send what waits."""
+        """Requests the status when it is due, reads the responses, and sends pending commands."""
         assert self._port is not None
         end = time.monotonic() + timeout_s
         while True:
             now = time.monotonic()
-            if now - self._asked_s >= (_WAIT_S if self._cancelled else 1.0 / self.config.status_hz):
+            if now - self._asked_s >= (MAX_WAIT_S if self._cancelled else 1.0 / self.config.status_hz):
                 self._ask()
-            events = [event for line in self._port.lines(_WAIT_S) for event in self._take(line)]
+            events = [event for line in self._port.lines(MAX_WAIT_S) for event in self._take(line)]
             self._send_what_waits()
             now = time.monotonic()
-            if now - self._heard_s > _SILENT_S:
-                raise DeviceError(f"{self._where}: {self.config.port} has not answered for {_SILENT_S:g} s")
+            if now - self._heard_s > MAX_SILENCE_S:
+                raise DeviceError(f"{self._where}: {self.config.port} has not answered for {MAX_SILENCE_S:g} s")
             if events or now >= end:
                 return events
 
@@ -226,7 +243,7 @@ class GrblStage(Driver):
         self._port.write(STATUS)
 
     def _take(self, line: str) -> Sequence[Event]:
-        """Understand one line."""
+        """Processes one line."""
         self._heard_s = time.monotonic()
         with self.lock:
             if match := _STATUS.fullmatch(line):
@@ -236,7 +253,7 @@ class GrblStage(Driver):
                     self._waiting_for = None
             elif line.startswith("error:"):
                 self.counts["errors"] += 1
-                refused = "a move of its course" if self._course else self._waiting_for or "a line"
+                refused = "a move of its trajectory" if self._course else self._waiting_for or "a line"
                 self.remark = f"{self._where}: refused {refused} with {line}"
                 if self._course:
                     self._stopping = True
@@ -246,12 +263,12 @@ class GrblStage(Driver):
                 self.counts["alarms"] += 1
                 self._alarmed(line.removeprefix("ALARM:"))
             elif line.startswith("Grbl ") and self.limits:
-                self.counts["resets"] += 1  # somebody pressed its button: it has forgotten what it was doing
+                self.counts["resets"] += 1  # a person pressed its button: its motion is cancelled
                 self._forget()
         return ()
 
     def _forget(self) -> None:
-        """What was commanded does not count any more."""
+        """Discards all commands."""
         self._wanted, self._sent, self._waiting_for, self._course = {}, {}, None, None
 
     def _alarmed(self, number: str) -> None:
@@ -294,13 +311,13 @@ class GrblStage(Driver):
         return [Actuation(self._read_ns, each, stream) for stream, each in by_stream.items()]
 
     def _send_what_waits(self) -> None:
-        """Sends the newest targets: at once if no axis changes direction, else after the moving axes have stopped."""
+        """Sends the newest targets: immediately if no axis changes direction, else after moving axes have stopped."""
         assert self._port is not None
         with self.lock:
-            if self._waiting_for is not None and time.monotonic() - self._sent_s > _SILENT_S:
-                raise DeviceError(f"{self._where}: has not answered {self._waiting_for} for {_SILENT_S:g} s")
+            if self._waiting_for is not None and time.monotonic() - self._sent_s > MAX_SILENCE_S:
+                raise DeviceError(f"{self._where}: has not answered {self._waiting_for} for {MAX_SILENCE_S:g} s")
             if self._stopping and self.state == "Jog" and not self._cancelled:
-                self._cancel()  # a jog that was on its way when it was told to stop
+                self._cancel()  # a jog that was sent just before the stop
             if self._waiting_for is not None:
                 return
             if self.state == "Idle":
@@ -321,7 +338,7 @@ class GrblStage(Driver):
             self._jog()
 
     def _goes_on(self) -> bool:
-        """Whether every axis of the new targets only goes further the way that it goes."""
+        """Whether every axis continues in its present direction to its new target."""
         for name, target in self._wanted.items():
             going = self._sent.get(name, self._places[name])
             if (target - going) * (going - self._places[name]) < 0:
@@ -329,7 +346,7 @@ class GrblStage(Driver):
         return True
 
     def _course_line(self, places: Mapping[str, float], seconds: float) -> str:
-        """A jog to ``places`` that takes ``seconds`` at an even speed."""
+        """Returns a jog to ``places`` that takes ``seconds`` at constant speed."""
         before, self._sent = {**self._places, **self._sent}, dict(places)
         scales = {name: self.config.axes[name].scale for name in places}
         length = math.hypot(*((places[name] - before[name]) * scale for name, scale in scales.items()))
@@ -349,7 +366,7 @@ class GrblStage(Driver):
         self._wanted = {}
         if not moving:
             return
-        # along the straight line each axis gets its share of the feed rate: the slowest decides
+        # on the straight line each axis has its share of the feed rate: the slowest axis limits it
         machine = {name: step * abs(self.config.axes[name].scale) for name, step in moving.items()}
         whole = math.hypot(*machine.values())
         feed = 60.0 * min(
@@ -363,25 +380,25 @@ class GrblStage(Driver):
         assert self._port is not None
         self._port.write(CANCEL)
         self._cancelled, self._sent = True, {}
-        self.state = "Jog"  # until a status that was asked for after this says that it stands
+        self.state = "Jog"  # until a later status shows that it is at rest
 
     def want(self, targets: Mapping[str, float]) -> None:
-        """Takes new targets of some axes; see `GrblActuators.command`."""
+        """Sets new targets of some axes; see `GrblActuators.command`."""
         with self.lock:
             self._need_ready()
             if self._course is not None:
-                raise DeviceError(f"{self._where}: follows a course; stop it before another command")
+                raise DeviceError(f"{self._where}: follows a trajectory; stop it before another command")
             self._wanted |= targets
 
     def follow(self, course: Course, after_s: float) -> None:
-        """Jogs along a course until it is halted; see `GrblActuators.follow`."""
+        """Follows a trajectory until it is halted; see `GrblActuators.follow`."""
         with self.lock:
             self._need_ready()
             self._wanted, self._sent = {}, {}
             self._course = CourseStream(course, self._course_line, time.monotonic() + after_s)
 
     def halt(self, axes: Sequence[str]) -> None:
-        """Cancels the jog now; axes that are not to stop go on afterwards; see `GrblActuators.stop`."""
+        """Cancels the jog now; axes that are not to stop continue afterwards; see `GrblActuators.stop`."""
         with self.lock:
             if self._port is None:
                 return
@@ -393,26 +410,26 @@ class GrblStage(Driver):
             going = {**self._sent, **self._wanted}
             self._wanted = {name: target for name, target in going.items() if name not in axes}
             self._stopping = not self._wanted
-            if self.state in ("Run", "Hold"):  # somebody else's G-code: only a hold and a reset end it
+            if self.state in ("Run", "Hold"):  # G-code of another program: only a hold and a reset end it
                 self._port.write(HOLD)
             else:
                 self._cancel()
 
     def position(self) -> Actuation:
-        """Returns where the axes were at the last status; see `GrblActuators.read`."""
+        """Returns the positions of the axes at the last status; see `GrblActuators.read`."""
         with self.lock:
             self._need_ready(moving=False)
             return Actuation(self._read_ns, dict(self._places))
 
     def unlock(self) -> None:
-        """``$X``: take a controller out of its alarm, after a person has looked at the stage."""
+        """Ends the alarm of the controller (``$X``), after a person has inspected the stage."""
         with self.lock:
             if self._port is None:
                 raise DeviceError(f"{self._where}: is not connected")
             self._port.write(b"$X\n")
 
     def now_ns(self) -> int:
-        """On the clock of the source. Raises DeviceError before it is connected."""
+        """Returns the time on the clock of the source. Raises DeviceError before it is connected."""
         if self._clock is None:
             raise DeviceError(f"{self._where}: is not connected")
         return self._clock.now_ns()
@@ -424,7 +441,7 @@ class GrblStage(Driver):
             raise DeviceError(f"{self._where}: {self.alarm}; look at the stage, then unlock it")
 
     def close(self) -> None:
-        """Cancel what moves, and let go of the port."""
+        """Cancels the motion and releases the port."""
         with self.lock:
             port, self._port, self.state = self._port, None, ""
         if port is not None:
@@ -440,41 +457,41 @@ class GrblStage(Driver):
 
 
 class GrblActuators:
-    """The `Actuators` of a controller that a `HardwareSource` reads. Calls raise DeviceError while it is not there."""
+    """The `Actuators` of a controller that a `HardwareSource` reads. Calls raise DeviceError while it is missing."""
 
     def __init__(self, stage: GrblStage) -> None:
         self._stage = stage
 
     @property
     def limits(self) -> Mapping[str, AxisLimits]:
-        """What each axis keeps to, in the unit of its name; empty before the controller was read."""
+        """The limits of each axis, in the unit of its name; empty before the controller was read."""
         return dict(self._stage.limits)
 
     def command(self, targets: Mapping[str, float]) -> Commanded:
-        """Send axes on their way; see `Actuators.command`."""
+        """Starts the motion of axes; see `Actuators.command`."""
         taken = Commanded.of(self._stage.now_ns(), targets, self._stage.limits)
         self._stage.want(taken.targets)
         return taken
 
     def follow(self, course: Course, after_s: float = 0.0) -> None:
-        """Moves axes along ``course`` until `stop`, as one smooth motion; returns at once.
+        """Moves axes along a trajectory until `stop`, as one smooth motion; returns immediately.
 
         Args:
             course: time since the start in s -> position of each axis by name. The axes are at its beginning; it stays
                 within their limits, and begins at rest.
-            after_s: it begins so long from now.
+            after_s: delay of its beginning from now, s.
 
         Raises:
-            DeviceError: the controller is not there, or in alarm.
+            DeviceError: the controller is missing, or in alarm.
         """
         self._stage.follow(course, after_s)
 
     def read(self) -> Actuation:
-        """Where the axes were at the last status."""
+        """Returns the positions of the axes at the last status."""
         return self._stage.position()
 
     def stop(self, *axes: str) -> None:
-        """Bring these axes, or all, to rest; see `Actuators.stop`."""
+        """Brings these axes, or all, to rest; see `Actuators.stop`."""
         refuse_unknown(axes, self._stage.limits)
         self._stage.halt(axes or tuple(self._stage.limits))
 
@@ -488,5 +505,5 @@ class GrblActuators:
 
 
 def _stream(name: str) -> str:
-    """The stream of an axis: what moves the tissue is no drive of the catheter."""
+    """Returns the stream of an axis: the axes of the tissue are no drives of the catheter."""
     return STAGE if name.startswith(f"{STAGE}_") else JOINTS

@@ -1,37 +1,37 @@
-"""A course for a GRBL controller: short jogs that the planner joins into one smooth motion."""
+"""Sends a trajectory to a GRBL controller as short jogs that the planner joins into one smooth motion."""
 
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
 
 Course = Callable[[float], Mapping[str, float]]
-"""Time since the start in s -> where each axis shall be then, by name, in its own unit."""
+"""Time since the start in s -> position of each axis at this time, by name, in its own unit."""
 
 SEGMENT_S = 0.025
-"""A jog covers so much time."""
+"""Duration of a jog."""
 AHEAD_S = 0.25
-"""So far ahead jogs are sent: the planner holds 15 moves, 0.375 s, and has to see where it can brake."""
-_RECEIVE_BYTES = 120
-"""Lines that the controller has not answered yet take at most so much of its receive buffer, which holds 127."""
-_LONGEST_LINE = 50
-_MEMORY_S = 0.5
-"""Time constant with which it is learnt how late the axes are."""
-_LEAST_POWER = 1.0
-"""Square of a speed in units per s, below which motion says little of a lateness."""
-_CATCH_UP = 1.0
-"""Share of the lateness that is made up for within a second."""
-_MOST_CATCH_UP = 0.1
-"""At most so much faster or slower than the course."""
+"""Time by which jogs are sent ahead: the planner holds 15 moves, 0.375 s, and needs them to brake in time."""
+MAX_UNANSWERED_BYTES = 120
+"""Most bytes of the receive buffer, which holds 127, for lines to which the controller has not responded yet."""
+MAX_LINE_BYTES = 50
+LATENESS_TIME_CONSTANT_S = 0.5
+"""Time constant of the estimate of the lateness."""
+MIN_POWER = 1.0
+"""Square of a speed in units per s; slower motion shows little of the lateness."""
+CATCH_UP_PER_S = 1.0
+"""Share of the lateness that is corrected within a second."""
+MAX_SPEED_CHANGE = 0.1
+"""Largest relative change of the speed of the trajectory."""
 
 
 class CourseStream:
-    """Makes the jogs of a course in time, counts what the controller has answered, and keeps the course's time.
+    """Makes the jogs of a trajectory in time, counts the responses of the controller, and corrects the lateness.
 
     Args:
         course: the motion; at 0 s the axes are at rest at its beginning.
-        line_of: a jog to these places in so many seconds, as a line of the controller.
-        start_s: when the course begins, on the clock of `due` and `read`; nothing is sent before, for the controller
-            sets out as soon as it has a jog.
+        line_of: returns the line of a jog to given positions that takes a given time in s.
+        start_s: beginning of the trajectory, on the clock of `due` and `read`; no line is sent before, because the
+            controller moves as soon as it has a jog.
     """
 
     def __init__(self, course: Course, line_of: Callable[[Mapping[str, float], float], str], start_s: float) -> None:
@@ -39,7 +39,7 @@ class CourseStream:
         self._sent_s = 0.0
         self._unanswered: deque[int] = deque()
         self.late_s = 0.0
-        """How late the axes are, as learnt from what they read back."""
+        """Lateness of the axes, estimated from their positions."""
         self._power = 0.0
         self._read_s: float | None = None
 
@@ -49,17 +49,17 @@ class CourseStream:
         return self._sent_s == math.inf
 
     def end(self) -> None:
-        """No more lines; what was sent is still to be answered."""
+        """Ends the trajectory: no more lines are sent; the responses to the sent ones are still expected."""
         self._sent_s = math.inf
 
     def due(self, now_s: float) -> list[str]:
-        """Returns the lines that are to be sent now; the receive buffer has room for them."""
+        """Returns the lines to send now; the receive buffer has room for them."""
         lines: list[str] = []
         if now_s < self._start_s:
             return lines
         until_s = now_s - self._start_s + AHEAD_S
-        while self._sent_s < until_s and sum(self._unanswered) + _LONGEST_LINE <= _RECEIVE_BYTES:
-            faster = min(max(_CATCH_UP * self.late_s, -_MOST_CATCH_UP), _MOST_CATCH_UP)
+        while self._sent_s < until_s and sum(self._unanswered) + MAX_LINE_BYTES <= MAX_UNANSWERED_BYTES:
+            faster = min(max(CATCH_UP_PER_S * self.late_s, -MAX_SPEED_CHANGE), MAX_SPEED_CHANGE)
             line = self._line_of(self._course(self._sent_s + SEGMENT_S), SEGMENT_S / (1.0 + faster))
             self._sent_s += SEGMENT_S
             self._unanswered.append(len(line))
@@ -68,22 +68,22 @@ class CourseStream:
 
     @property
     def unanswered(self) -> int:
-        """Lines that the controller has not answered yet."""
+        """Number of lines to which the controller has not responded yet."""
         return len(self._unanswered)
 
     def answered(self) -> bool:
-        """Takes an ``ok``; returns whether it was for a line of the course."""
+        """Processes an ``ok``; returns whether it was for a line of the trajectory."""
         if self._unanswered:
             self._unanswered.popleft()
             return True
         return False
 
     def read(self, places: Mapping[str, float], now_s: float) -> None:
-        """Learns how late the axes are.
+        """Updates the estimate of the lateness.
 
         Args:
-            places: where each axis is, by name, in its own unit.
-            now_s: when it was there, on the clock of ``start_s``.
+            places: position of each axis, by name, in its own unit.
+            now_s: time of these positions, on the clock of ``start_s``.
         """
         at_s = now_s - self._start_s
         seconds, self._read_s = (0.0 if self._read_s is None else now_s - self._read_s), now_s
@@ -95,6 +95,6 @@ class CourseStream:
             speed = (after[axis] - before[axis]) / (2.0 * SEGMENT_S)
             behind += (place - places[axis]) * speed
             power += speed * speed
-        share = -math.expm1(-seconds / _MEMORY_S)
+        share = -math.expm1(-seconds / LATENESS_TIME_CONSTANT_S)
         self._power += share * (power - self._power)
-        self.late_s += share * (behind - self.late_s * power) / max(self._power, _LEAST_POWER)
+        self.late_s += share * (behind - self.late_s * power) / max(self._power, MIN_POWER)

@@ -1,4 +1,4 @@
-"""The angle of the catheter's knob: from a serial encoder, from a log, or constant."""
+"""Drivers of the catheter's knob: its angle from a serial encoder, from a log, or constant."""
 
 import math
 import re
@@ -17,16 +17,24 @@ from ._serial import LinePort
 
 STREAM = "knob"
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_SILENT_S = 1.0
-_EVERY_NS = 1_000_000_000
-"""A constant is told again each second."""
+MAX_SILENCE_S = 1.0
+CONSTANT_PERIOD_NS = 1_000_000_000
+"""A constant angle is sent again after this time."""
 
 
 class SerialKnobConfig(DeviceConfig, frozen=True):
     """``[hardware.knob]`` with ``driver = "serial"``: an encoder that writes a number a line.
 
-    The angle is ``offset`` + ``scale`` x number, of the drive ``quantity`` (NAME_UNIT). ``rate_hz``: lines a second,
-    where it writes always; then a second of silence means that it is lost.
+    The angle is ``offset`` + ``scale`` x number.
+
+    Attributes:
+        port: serial port.
+        baud: baud rate.
+        quantity: the drive, NAME_UNIT.
+        scale: see above.
+        offset: see above.
+        rate_hz: lines per second, if it writes continuously; then a second of silence means that it is lost.
+        latency_ms: delay of a line, which is subtracted from the stamps, ms.
     """
 
     driver: Literal["serial"] = "serial"
@@ -40,9 +48,9 @@ class SerialKnobConfig(DeviceConfig, frozen=True):
 
 
 class LogKnobConfig(DeviceConfig, frozen=True):
-    """``[hardware.knob]`` with ``driver = "log"``: readings of a table, its first row when the recording begins.
+    """``[hardware.knob]`` with ``driver = "log"``: readings of a table; its first row is at the start of the recording.
 
-    ``log``: how the table is written, with the keys of ``actuation.log``.
+    ``log``: format of the table, with the keys of ``actuation.log``.
     """
 
     driver: Literal["log"] = "log"
@@ -59,7 +67,7 @@ class ConstantKnobConfig(DeviceConfig, frozen=True):
 
 
 class SerialKnob(Driver):
-    """An encoder at a serial port."""
+    """Driver of an encoder at a serial port."""
 
     config_type = SerialKnobConfig
 
@@ -78,13 +86,13 @@ class SerialKnob(Driver):
         return (DeclaredStream(STREAM, "actuation", self.config.rate_hz, clock),)
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Open the port."""
+        """Opens the port."""
         self._port = LinePort(self.config.port, self.config.baud, f"hardware.{self.name}")
         self._clock, self._heard_ns = clock, clock.now_ns()
         return (Setting("baud", self.config.baud, self.config.baud),)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """The newest of the lines that have come: an encoder has no stamps, and the older ones are older."""
+        """Returns the newest of the lines that have come: an encoder has no stamps, and earlier lines are older."""
         assert self._port is not None
         assert self._clock is not None
         values = [value for line in self._port.lines(timeout_s) if (value := self._value(line)) is not None]
@@ -93,8 +101,8 @@ class SerialKnob(Driver):
             self._heard_ns = now
             stamp = now - round(self.config.latency_ms * 1e6)
             return (Actuation(stamp, {self.config.quantity: values[-1]}, STREAM),)
-        if self.config.rate_hz and now - self._heard_ns > _SILENT_S * 1e9:
-            raise DeviceError(f"hardware.{self.name}: {self.config.port} has written no number for {_SILENT_S:g} s")
+        if self.config.rate_hz and now - self._heard_ns > MAX_SILENCE_S * 1e9:
+            raise DeviceError(f"hardware.{self.name}: {self.config.port} has written no number for {MAX_SILENCE_S:g} s")
         return ()
 
     def _value(self, line: str) -> float | None:
@@ -109,14 +117,14 @@ class SerialKnob(Driver):
         return value
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Releases the port."""
         if self._port is not None:
             self._port.close()
             self._port = None
 
 
 class _Played(Driver):
-    """Readings known beforehand, given when their time has come."""
+    """Gives known readings at their times."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -130,13 +138,13 @@ class _Played(Driver):
         return (DeclaredStream(STREAM, "actuation", None, "the host's, from when the source began"),)
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Does nothing: no port is open."""
 
     def _begin(self, clock: Clock) -> None:
         self._clock, self._zero_ns, self._next = clock, clock.now_ns(), 0
 
     def _wait(self, due_ns: int, timeout_s: float) -> bool:
-        """Whether ``due_ns`` has come within ``timeout_s``."""
+        """Waits; returns whether ``due_ns`` has come within ``timeout_s``."""
         assert self._clock is not None
         end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
         self._clock.sleep_until_ns(min(due_ns, end_ns))
@@ -144,7 +152,7 @@ class _Played(Driver):
 
 
 class LogKnob(_Played):
-    """The readings of a log, once."""
+    """Gives the readings of a log, once."""
 
     config_type = LogKnobConfig
 
@@ -155,7 +163,7 @@ class LogKnob(_Played):
         self._values: dict[str, list[float]] = {}
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Read the log. Raises FileFormatError or TableError."""
+        """Reads the log. Raises FileFormatError or TableError."""
         log = read_drive_log(self.config.path, self.config.log, "hardware.knob.log")
         self._stamps = log.stamp_ns - log.stamp_ns[0]
         self._values = {name: column.tolist() for name, column in log.values.items()}
@@ -163,7 +171,7 @@ class LogKnob(_Played):
         return (Setting("rows", None, len(log.stamp_ns)),)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """The next row when it is due; afterwards nothing."""
+        """Returns the next row when it is due; none after the last one."""
         row = self._next
         if row == len(self._stamps):
             self._wait(1 << 62, timeout_s)
@@ -177,7 +185,7 @@ class LogKnob(_Played):
 
 
 class ConstantKnob(_Played):
-    """The same angle, each second."""
+    """Gives the same angle each second."""
 
     config_type = ConstantKnobConfig
 
@@ -186,13 +194,13 @@ class ConstantKnob(_Played):
         self.config = config
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Begin."""
+        """Starts the clock."""
         self._begin(clock)
         return (Setting(self.config.quantity, self.config.value, self.config.value),)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """The angle, when a second is over."""
-        due_ns = self._zero_ns + self._next * _EVERY_NS
+        """Returns the angle once per second."""
+        due_ns = self._zero_ns + self._next * CONSTANT_PERIOD_NS
         if not self._wait(due_ns, timeout_s):
             return ()
         self._next += 1

@@ -1,7 +1,7 @@
-"""ATI Net F/T over Ethernet: Raw Data Transfer (RDT) by UDP, configuration by HTTP.
+"""Driver of ATI Net F/T over Ethernet: Raw Data Transfer (RDT) by UDP, configuration by HTTP.
 
-After ATI's manual 9620-05-NET FT: a request is ``!HHI``, a reply ``!3I6i`` with two sequence numbers, a status word and
-the counts of Fx, Fy, Fz, Tx, Ty, Tz. How many counts a unit has, and which unit, is in the box's ``netftapi2.xml``.
+By ATI's manual 9620-05-NET FT, a request is ``!HHI``, and a reply ``!3I6i`` with two sequence numbers, a status word
+and the counts of Fx, Fy, Fz, Tx, Ty, Tz. The unit and the counts per unit are in ``netftapi2.xml`` of the box.
 """
 
 import math
@@ -39,19 +39,19 @@ _TORQUE_UNITS = {
     "inlbf": _POUND_N * _INCH_M, "ftlbf": _POUND_N * _FOOT_M, "lbin": _POUND_N * _INCH_M, "lbft": _POUND_N * _FOOT_M,
 }  # fmt: skip
 _HTTP_S = 2.0
-_ASK_AGAIN_S, _LOST_S = 0.25, 1.0
-"""Silence after which the stream is asked for again, and after which the box counts as lost."""
+MAX_SILENCE_S, MAX_LOST_S = 0.25, 1.0
+"""Silence after which the stream is requested again, and after which the box counts as lost."""
 _BUFFER_BYTES = 4 << 20
-"""For a host that is busy: some 5000 packets, which take 768 bytes each in Linux; less may be granted."""
-_BEHIND = 1000
-"""A packet further behind than this comes from a box that began to count anew."""
-_RATE = (1.0, 7000.0)
+"""Size for a busy host: some 5000 packets, which take 768 bytes each in Linux; the system may grant less."""
+MAX_BACKWARD_STEP = 1000
+"""Number of packets; one that is further behind is from a box that restarted its count."""
+RATE_RANGE_HZ = (1.0, 7000.0)
 
 
 def unit_in_newtons(unit: str) -> float:
-    """What one ``unit`` of force, as ATI writes it, is in newtons.
+    """Returns the newtons in one ``unit`` of force, as ATI writes it.
 
-    Raises DeviceError for a unit that is not known.
+    Raises DeviceError for an unknown unit.
 
     >>> unit_in_newtons("N"), round(unit_in_newtons("lbf"), 4)
     (1.0, 4.4482)
@@ -60,7 +60,7 @@ def unit_in_newtons(unit: str) -> float:
 
 
 def unit_in_newton_metres(unit: str) -> float:
-    """What one ``unit`` of torque, as ATI writes it, is in N m. Raises DeviceError for a unit that is not known.
+    """Returns the N m in one ``unit`` of torque, as ATI writes it. Raises DeviceError for an unknown unit.
 
     >>> unit_in_newton_metres("N-mm")
     0.001
@@ -68,35 +68,41 @@ def unit_in_newton_metres(unit: str) -> float:
     return _known_unit(unit, _TORQUE_UNITS, "torque")
 
 
-def _known_unit(unit: str, known: Mapping[str, float], what: str) -> float:
+def _known_unit(unit: str, known: Mapping[str, float], quantity: str) -> float:
     key = "".join(letter for letter in unit.lower() if letter.isalpha())
     if key not in known:
-        raise DeviceError(f"the {what} unit {unit!r} is not known; expected one of {', '.join(known)}")
+        raise DeviceError(f"the {quantity} unit {unit!r} is not known; expected one of {', '.join(known)}")
     return known[key]
 
 
 class NetFtConfig(DeviceConfig, frozen=True):
     """``[hardware.force]`` with ``driver = "net-ft"``.
 
-    ``rate_hz``: the RDT output rate that the box is expected to be set to; ``latency_ms``: from the force to the
-    packet's arrival at the least (the box's filter and the network); ``bias``: set the box's own zero when connected.
+    Attributes:
+        host: address of the box.
+        port: UDP port.
+        http_port: HTTP port.
+        rate_hz: expected RDT output rate of the box, Hz.
+        latency_ms: shortest time from the force to the arrival of its packet (filter of the box and network), ms.
+        bias: whether the zero of the box is set when connected.
     """
 
     driver: Literal["net-ft"] = "net-ft"
     host: str
     port: Annotated[int, Field(ge=1, le=65535)] = 49152
     http_port: Annotated[int, Field(ge=1, le=65535)] = 80
-    rate_hz: Annotated[float, Field(ge=_RATE[0], le=_RATE[1])] | None = None
+    rate_hz: Annotated[float, Field(ge=RATE_RANGE_HZ[0], le=RATE_RANGE_HZ[1])] | None = None
     latency_ms: Annotated[float, Field(ge=0.0, le=900.0)] = 0.0
     bias: bool = False
 
 
 class RdtCheck:
-    """Holds every packet to its sequence numbers and status; only what is new and sound becomes a reading.
+    """Checks the sequence numbers and the status of every packet; only a new and valid packet becomes a reading.
 
-    ``counts``: "lost" packets; "late", which came behind a later one (and count as lost no more); "duplicate";
-    "status", refused for a status word that is not 0; "frozen", with a new RDT sequence but the F/T sequence of before;
-    "malformed"; "restarts" of the count after it was asked for a new stream. ``status``: the last status word but 0.
+    ``counts``: "lost" packets; "late", which came after a later one (and no longer count as lost); "duplicate";
+    "status", refused for a status word other than 0; "frozen", with a new RDT sequence but the previous F/T sequence;
+    "malformed"; "restarts" of the count after the request for a new stream. ``status``: the last status word other
+    than 0.
     """
 
     def __init__(self, counts: dict[str, int]) -> None:
@@ -107,9 +113,9 @@ class RdtCheck:
         self._missing: set[int] = set()
 
     def take(self, packet: bytes) -> tuple[int, tuple[int, ...]] | None:
-        """RDT sequence and the six counts; None where the packet gives no reading.
+        """Returns RDT sequence and the six counts; None where the packet gives no reading.
 
-        Raises DeviceError where the box began to count anew.
+        Raises DeviceError where the box restarted its count.
         """
         if len(packet) != RDT_REPLY.size:
             self._count("malformed")
@@ -122,7 +128,7 @@ class RdtCheck:
         self._asked_anew = False
         if self._last is not None:
             step = self._step(rdt)
-            if step < -_BEHIND:
+            if step < -MAX_BACKWARD_STEP:
                 self._last = None
                 raise DeviceError("the Net F/T box counts its packets anew: it was restarted, or somebody else uses it")
             if step <= 0:
@@ -135,9 +141,9 @@ class RdtCheck:
                 return None
             if step > 1:
                 self._count("lost", step - 1)
-                self._missing |= {(rdt - back) % (1 << 32) for back in range(1, min(step, _BEHIND))}
-                if len(self._missing) > 2 * _BEHIND:
-                    self._missing = {each for each in self._missing if (rdt - each) % (1 << 32) <= _BEHIND}
+                self._missing |= {(rdt - back) % (1 << 32) for back in range(1, min(step, MAX_BACKWARD_STEP))}
+                if len(self._missing) > 2 * MAX_BACKWARD_STEP:
+                    self._missing = {each for each in self._missing if (rdt - each) % (1 << 32) <= MAX_BACKWARD_STEP}
         frozen = self._last is not None and ft == self._last[1]
         self._last = rdt, ft
         if status:
@@ -150,20 +156,20 @@ class RdtCheck:
         return rdt, tuple(counts)
 
     def restart(self) -> None:
-        """The box was asked for a new stream, whose packets may count from anywhere."""
+        """Notes the request for a new stream, whose packets may count from any number."""
         self._asked_anew = True
 
     def _step(self, rdt: int) -> int:
-        """How far ``rdt`` lies ahead of the last one: 32 bits that wrap round."""
+        """Returns the number of packets from the last one to ``rdt``; the count overflows at 32 bits."""
         assert self._last is not None
         return (rdt - self._last[0] + (1 << 31)) % (1 << 32) - (1 << 31)
 
-    def _count(self, what: str, by: int = 1) -> None:
-        self._counts[what] = self._counts.get(what, 0) + by
+    def _count(self, fault: str, by: int = 1) -> None:
+        self._counts[fault] = self._counts.get(fault, 0) + by
 
 
 class NetFt(Driver):
-    """One Net F/T box."""
+    """Driver of one Net F/T box."""
 
     config_type = NetFtConfig
 
@@ -193,7 +199,7 @@ class NetFt(Driver):
         )
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Read the box's configuration, then ask for packets without end."""
+        """Reads the configuration of the box, then requests a continuous stream."""
         facts = self._configuration()
         self._rate_hz = float(facts["comrdtrate"])
         counts = [float(facts[key]) for key in ("cfgcpf", "cfgcpt")]
@@ -208,7 +214,7 @@ class NetFt(Driver):
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-            made.connect((self.config.host, self.config.port))  # from nobody else
+            made.connect((self.config.host, self.config.port))  # packets from other hosts are ignored
         except OSError as error:
             made.close()
             raise DeviceError(f"{self._where}: {error.strerror or error}") from None
@@ -229,17 +235,17 @@ class NetFt(Driver):
         )
 
     def _buffer_bytes(self) -> int:
-        """What the operating system grants; Linux says twice of it, and holds it below net.core.rmem_max."""
+        """Returns the size that the system grants; Linux reports twice of it, and limits it by net.core.rmem_max."""
         assert self._socket is not None
         granted = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         return granted // 2 if sys.platform == "linux" else granted
 
     def bias(self) -> None:
-        """Make what the sensor shows now the box's zero."""
+        """Makes the present reading of the sensor the zero of the box."""
         self._send(BIAS)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """The packets that have come; asks again, then gives up, where the box is silent."""
+        """Returns the packets that have come; where the box is silent, requests the stream again, then gives up."""
         assert self._socket is not None
         assert self._clock is not None
         events: list[Event] = []
@@ -250,7 +256,7 @@ class NetFt(Driver):
                 arrival = self._heard_ns = self._clock.now_ns()
                 if (wrench := self._wrench(packet, arrival)) is not None:
                     events.append(wrench)
-                if len(events) >= 64:  # enough for now: those who wait for them shall not wait for the whole buffer
+                if len(events) >= 64:  # a limit, so that they are used before the whole buffer is read
                     return events
                 self._socket.setblocking(False)
         except BlockingIOError:
@@ -258,7 +264,7 @@ class NetFt(Driver):
         except TimeoutError:
             self._silent(self._clock.now_ns())
             return events
-        except OSError as error:  # a port that is closed answers by ICMP
+        except OSError as error:  # a closed port responds by ICMP
             raise DeviceError(f"{self._where}: {error.strerror or error}") from None
 
     def _wrench(self, packet: bytes, arrival_ns: int) -> Wrench | None:
@@ -279,26 +285,26 @@ class NetFt(Driver):
         return Wrench(stamp, values[:3], values[3:], "sensor")
 
     def _silent(self, now_ns: int) -> None:
-        if now_ns - self._heard_ns > _LOST_S * 1e9:
+        if now_ns - self._heard_ns > MAX_LOST_S * 1e9:
             self.counts["silences"] += 1
-            raise DeviceError(f"{self._where}: has sent no packet for {_LOST_S:g} s; check its cable and its power")
-        if now_ns - max(self._asked_ns, self._heard_ns) > _ASK_AGAIN_S * 1e9:
+            raise DeviceError(f"{self._where}: has sent no packet for {MAX_LOST_S:g} s; check its cable and its power")
+        if now_ns - max(self._asked_ns, self._heard_ns) > MAX_SILENCE_S * 1e9:
             self._asked_ns = now_ns
             self._send(STREAM)
             self._check.restart()
 
     def close(self) -> None:
-        """Ask the box to stop, and let go of it."""
+        """Asks the box to stop, and releases it."""
         if self._socket is not None:
             try:
                 self._socket.send(RDT_REQUEST.pack(HEADER, STOP, 0))
-            except OSError:  # it is why we leave
+            except OSError:  # the connection is lost already
                 self.counts["stops_unsent"] += 1
             self._socket.close()
             self._socket = None
 
     def clocks(self) -> Mapping[str, ClockReport]:
-        """The packet count against the host's clock."""
+        """Returns the report on the packet count, compared with the clock of the host."""
         return {"force": self._map.report()}
 
     @property

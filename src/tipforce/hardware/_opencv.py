@@ -1,4 +1,4 @@
-"""Cameras through OpenCV: V4L2, DirectShow, AVFoundation, or an address that OpenCV opens."""
+"""Driver of cameras through OpenCV: V4L2, DirectShow, AVFoundation, or an address that OpenCV opens."""
 
 import os
 import sys
@@ -17,25 +17,36 @@ from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting, mono
 from ._fields import FieldCheck
 from ._stream import NetworkStream, size_of
 
-_WAIT_MS = 2000
-"""For a camera to open or to give an image, where OpenCV can be told."""
-_STAMP_NEWEST_S, _STAMP_OLDEST_S = 1e-3, 1.0
-"""A stamp of the driver is on the monotonic clock where it is so little in the future or in the past of it."""
-_TRIALS = 5
-"""Images of which each has to have such a stamp, before stamps are the driver's."""
-_SLEPT_NS = 50_000_000
-"""The monotonic clock of Linux stands still while the computer sleeps; the host's clock goes on."""
+MAX_WAIT_MS = 2000
+"""Longest wait for a camera to open or to give an image, on systems where OpenCV has this setting."""
+MAX_STAMP_AHEAD_S, MAX_STAMP_AGE_S = 1e-3, 1.0
+"""A stamp of the driver is on the monotonic clock if it is at most this much in its future or in its past."""
+MIN_STAMPED_IMAGES = 5
+"""Number of successive images with such a stamp after which the stamps of the driver are used."""
+MIN_SLEEP_NS = 50_000_000
+"""Smallest jump of the clock of the host against the monotonic one, which stops in Linux while the computer sleeps."""
 
 
 class OpenCvCameraConfig(DeviceConfig, frozen=True):
     """``[hardware.cameras.VIEW]`` with ``driver = "opencv"``.
 
-    ``device``: a number, a path as "/dev/video0", or an address, which FFmpeg opens as with ``driver = "video"``: there
-    the camera alone sets size and rate, and what is stated is compared with them. ``fourcc``: pixel format, as "MJPG".
-    ``auto_exposure``, ``exposure`` and ``gain``: numbers of the driver. ``latency_ms``: from mid-exposure to the
-    image's arrival, taken from the arrival where the driver gives no stamps; ``stamp_latency_ms``: from mid-exposure to
-    the driver's stamp (negative where it stamps the start of the exposure). ``deinterlace``: of a camera whose even and
-    odd rows are taken at two instants, each image is made of its even rows alone.
+    Attributes:
+        device: number, path as "/dev/video0", or address, which FFmpeg opens as with ``driver = "video"``. The camera
+            at an address determines size and rate; the stated values are compared with them.
+        width: requested width, px.
+        height: requested height, px.
+        fps: requested rate, Hz.
+        fourcc: pixel format, as "MJPG".
+        auto_exposure: number of the driver.
+        exposure: number of the driver.
+        gain: number of the driver.
+        grey: whether images are converted to grey.
+        deinterlace: whether each image is made of its even rows alone, for a camera whose even and odd rows are taken
+            at two instants.
+        latency_ms: time from mid-exposure to the arrival of the image, ms; it is subtracted from the arrival where the
+            driver gives no stamps.
+        stamp_latency_ms: time from mid-exposure to the stamp of the driver, ms (negative where it stamps the start of
+            the exposure).
     """
 
     driver: Literal["opencv"] = "opencv"
@@ -54,7 +65,19 @@ class OpenCvCameraConfig(DeviceConfig, frozen=True):
 
 
 def upright_image(image: Any, grey: bool, where: str) -> Image:
-    """An image of OpenCV, grey or BGR, 8 bits, as (h, w) grey or (h, w, 3) RGB. Raises DeviceError."""
+    """Converts an image of OpenCV.
+
+    Args:
+        image: grey or BGR, 8 bits.
+        grey: whether colours are converted to grey.
+        where: the camera, for the message.
+
+    Returns:
+        (h, w) grey or (h, w, 3) RGB.
+
+    Raises:
+        DeviceError: the image has another type.
+    """
     import cv2
 
     if image.dtype != np.uint8 or image.ndim not in (2, 3):
@@ -65,10 +88,10 @@ def upright_image(image: Any, grey: bool, where: str) -> Image:
 
 
 class OpenCvCamera(Driver):
-    """One camera. ``open_capture``: in place of ``cv2.VideoCapture``.
+    """Driver of one camera. ``open_capture``: replaces ``cv2.VideoCapture``.
 
-    OpenCV's own queue holds stale images: the driver's thread takes each as soon as it is there, and who is slow finds
-    the newest one (`HardwareSource`).
+    The queue of OpenCV holds old images. Therefore the thread of the driver reads each image as soon as it is there,
+    and a slow reader gets the newest one (`HardwareSource`).
     """
 
     config_type = OpenCvCameraConfig
@@ -81,7 +104,7 @@ class OpenCvCamera(Driver):
         self._clock: Clock | None = None
         self._size = ""
         self._stamped = 0
-        """Images in a row with a stamp on the monotonic clock; below 0 where one had none."""
+        """Number of successive images with a stamp on the monotonic clock; below 0 after one without."""
         self._delay_s = 0.0
         self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
         self._host_ahead_ns = 0
@@ -111,7 +134,7 @@ class OpenCvCamera(Driver):
         return (DeclaredStream(self.view, "frame", config.fps, clock),)
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Open the camera, set what is asked for, take an image, and read back."""
+        """Opens the camera, makes the requested settings, takes an image, and reads the settings back."""
         if self._stream is not None:
             return self._connect_stream(self._stream, clock)
         import cv2
@@ -146,19 +169,19 @@ class OpenCvCamera(Driver):
             actual = float(self._capture.get(number))
             if name == "fourcc":
                 found.append(Setting(name, config.fourcc, _letters(actual)))
-            elif name in ("width", "height"):  # what the image has, whatever the driver says
+            elif name in ("width", "height"):  # of the image; the driver may report other values
                 found.append(Setting(name, value, float(image.shape[1 if name == "width" else 0])))
             else:
                 found.append(Setting(name, value, actual))
         return tuple(found)
 
     def _connect_stream(self, stream: NetworkStream, clock: Clock) -> tuple[Setting, ...]:
-        """Open an address; what is asked for is compared with what the camera sends."""
+        """Opens an address; the requested settings are compared with those of the images."""
         asked = {"width": self.config.width, "height": self.config.height}
         return tuple(Setting(each.name, asked.get(each.name), each.actual) for each in stream.open(clock))
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """The next image; waits for as long as OpenCV does. None that may have waited in a buffer for too long.
+        """Returns the next image; waits as long as OpenCV does. An image that waited too long in a buffer is left out.
 
         Raises DeviceError where the camera gives none, or one of another size.
         """
@@ -187,33 +210,32 @@ class OpenCvCamera(Driver):
         return (Frame(taken_ns - round(self.config.stamp_latency_ms * 1e6), upright, self.view),)
 
     def _taken_ns(self) -> int | None:
-        """The driver's stamp on the host's clock: V4L2 states the monotonic clock at which the image was taken.
+        """Returns the driver's stamp on the clock of the host: V4L2 states the monotonic time of the exposure.
 
         None where it states none. Images that were taken before the computer slept are older than their stamps show:
-        ``_awake_ns`` is the time since when it has been
-        awake, None where it has not slept.
+        ``_awake_ns`` is the time of its last wake-up, None if it has not slept.
         """
         import cv2
 
         assert self._clock is not None
         taken_s = 1e-3 * float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
         age_s = time.monotonic() - taken_s
-        if 0 <= self._stamped < _TRIALS:
-            self._stamped = self._stamped + 1 if -_STAMP_NEWEST_S <= age_s <= _STAMP_OLDEST_S else -1
-        elif self._stamped >= _TRIALS and age_s < -_STAMP_NEWEST_S:
+        if 0 <= self._stamped < MIN_STAMPED_IMAGES:
+            self._stamped = self._stamped + 1 if -MAX_STAMP_AHEAD_S <= age_s <= MAX_STAMP_AGE_S else -1
+        elif self._stamped >= MIN_STAMPED_IMAGES and age_s < -MAX_STAMP_AHEAD_S:
             self.counts["stampless"] += 1
             self._stamped = -1
-        if self._stamped < _TRIALS:
+        if self._stamped < MIN_STAMPED_IMAGES:
             return None
         self._delay_s += 0.02 * (age_s - self._delay_s)
         ahead_ns = monotonic_to(self._clock)
-        if ahead_ns - self._host_ahead_ns > _SLEPT_NS:
+        if ahead_ns - self._host_ahead_ns > MIN_SLEEP_NS:
             self._awake_ns = self._clock.now_ns()
         self._host_ahead_ns = ahead_ns
         return round(taken_s * 1e9) + ahead_ns
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Releases the camera."""
         if self._stream is not None:
             self._stream.close()
         if self._capture is not None:
@@ -221,11 +243,11 @@ class OpenCvCamera(Driver):
             self._capture = None
 
     def clocks(self) -> Mapping[str, ClockReport]:
-        """The driver's stamps are on the host's own monotonic clock; a stream of the network has a clock of its own."""
+        """Returns the report on the clock: that of the network stream, or the monotonic clock of the host."""
         report = None if self._stream is None else self._stream.clock_report()
         if report is not None:
             return {self.view: report}
-        return {self.view: ClockReport(0.0, self._delay_s)} if self._stamped >= _TRIALS else {}
+        return {self.view: ClockReport(0.0, self._delay_s)} if self._stamped >= MIN_STAMPED_IMAGES else {}
 
     @property
     def _where(self) -> str:
@@ -238,7 +260,7 @@ class OpenCvCamera(Driver):
         if self._open is not None:
             return self._open(device)
         if sys.platform == "linux":
-            os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", str(_WAIT_MS // 1000))
+            os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", str(MAX_WAIT_MS // 1000))
             return cv2.VideoCapture(device, cv2.CAP_V4L2)
         return cv2.VideoCapture(device)
 

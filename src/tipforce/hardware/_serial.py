@@ -1,11 +1,11 @@
-"""Serial ports: bytes and lines with a time-out, and one sentence for whatever the port refuses."""
+"""Reads and writes serial ports with a time-out; each fault of a port gives one sentence."""
 
 from typing import Any, Self
 
 from ..errors import DeviceError, MissingExtraError
 
-_LONGEST_LINE = 1024
-"""What is longer is noise, or another baud rate."""
+MAX_LINE_BYTES = 1024
+"""A longer line is noise, or has another baud rate."""
 
 
 class LinePort:
@@ -26,29 +26,29 @@ class LinePort:
             raise DeviceError(f"{self._where} cannot be opened: {error}") from None
 
     def write(self, data: bytes) -> None:
-        """Write all of ``data``."""
+        """Writes all of ``data``."""
         try:
             self._port.write(data)
         except self._lost as error:
             raise DeviceError(f"{self._where} is lost: {error}") from None
 
     def lines(self, timeout_s: float) -> list[str]:
-        """Whole lines that have come, or that come within ``timeout_s``, without their ends; may be none."""
+        """Returns the complete lines that have come, or that come within ``timeout_s``, without their ends."""
         try:
             self._port.timeout = timeout_s
             data: bytes = self._port.read(1)
             if data:
                 data += self._port.read(self._port.in_waiting)
-        except (*self._lost, TypeError) as error:  # pyserial reads from a port that was closed beside it
+        except (*self._lost, TypeError) as error:  # pyserial reads from a port that was closed in the meantime
             raise DeviceError(f"{self._where} is lost: {error}") from None
         *whole, self._rest = (self._rest + data).split(b"\n")
-        if len(self._rest) > _LONGEST_LINE:
+        if len(self._rest) > MAX_LINE_BYTES:
             self._rest = b""
             self.overlong += 1
         return [line.decode("ascii", "replace").strip() for line in whole if line.strip()]
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Releases the port."""
         try:
             self._port.close()
         except self._lost:  # it was pulled out

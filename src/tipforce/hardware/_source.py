@@ -1,4 +1,4 @@
-"""A bench of devices as a `Source` that pushes: one thread a device, bounded queues, drops and clocks counted."""
+"""A bench of devices as a `Source` that pushes: one thread per device, bounded queues, counted drops, and clocks."""
 
 import logging
 import math
@@ -20,23 +20,29 @@ _log = logging.getLogger(__name__)
 
 DeviceState = Literal["connecting", "connected", "lost", "ended"]
 START_NS = 2_000_000_000
-"""A source's clock begins at 2 s: what was exposed before the first reading arrived must not lie below zero."""
+"""Start of the clock of a source: an image that was exposed before the first reading arrived needs a positive stamp."""
 _POLL_S = 0.1
-_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
-"""Between attempts to connect: doubled each time, up to the latter."""
-_ROOM = {"frame": 64, "wrench": 65_536, "actuation": 2048}
-"""Readings that wait for whoever takes them: a second of images, a minute of force."""
-_RATE_OVER_NS = 2_000_000_000
-_LEAVE_S = 2.0
-"""A camera that hangs in its driver is left behind; its thread ends with the program."""
+MIN_WAIT_S, MAX_WAIT_S = 0.1, 5.0
+"""Waits between attempts to connect: the first one, doubled each time up to the second."""
+QUEUE_LENGTHS = {"frame": 64, "wrench": 65_536, "actuation": 2048}
+"""Largest number of readings in a queue: a second of images, a minute of force."""
+RATE_WINDOW_NS = 2_000_000_000
+MAX_JOIN_S = 2.0
+"""Longest wait for the thread of a device; a camera that hangs in its driver ends with the program."""
 
 
 @dataclass(frozen=True, slots=True)
 class StreamHealth:
-    """How a stream does.
+    """Health of a stream.
 
-    ``live_rate_hz``: over the last two seconds. ``count``: readings taken; ``dropped``: those that nobody took in time;
-    ``unsorted``: those refused for a stamp that does not rise. ``age_s``: since the last one came, NaN before.
+    Attributes:
+        stream: the stream.
+        live_rate_hz: rate over the last two seconds, Hz.
+        count: number of readings.
+        dropped: number of readings that were not used in time.
+        unsorted: number of readings that were refused, because their stamp does not rise.
+        age_s: time since the last reading, s; NaN before the first one.
+        clock: report on its clock.
     """
 
     stream: DeclaredStream
@@ -50,7 +56,7 @@ class StreamHealth:
 
 @dataclass(frozen=True, slots=True)
 class DeviceHealth:
-    """How a device does. ``counts``: what it counts itself, as "lost"; ``message``: what went wrong last."""
+    """Health of a device. ``counts``: its own counts, as "lost"; ``message``: its last fault."""
 
     name: str
     state: DeviceState
@@ -62,31 +68,31 @@ class DeviceHealth:
 
 
 class StreamMeter:
-    """Counts the readings of a stream and how fast they come; times on any one clock."""
+    """Counts the readings of a stream and measures their rate; all times are on one clock."""
 
     def __init__(self) -> None:
         self.count = 0
         self._times: deque[int] = deque()
 
     def add(self, now_ns: int) -> None:
-        """A reading came."""
+        """Adds a reading."""
         self.count += 1
         self._times.append(now_ns)
         self._forget(now_ns)
 
     def rate_hz(self, now_ns: int) -> float:
-        """Readings a second of late."""
+        """Returns the readings per second in the last two seconds."""
         self._forget(now_ns)
         if len(self._times) < 2:
             return 0.0
         return 1e9 * (len(self._times) - 1) / max(now_ns - self._times[0], 1)
 
     def age_s(self, now_ns: int) -> float:
-        """Since the last reading; NaN where there was none of late."""
+        """Returns the time since the last reading, s; NaN before the first one."""
         return (now_ns - self._times[-1]) * 1e-9 if self._times else math.nan
 
     def _forget(self, now_ns: int) -> None:
-        while len(self._times) > 1 and self._times[0] < now_ns - _RATE_OVER_NS:
+        while len(self._times) > 1 and self._times[0] < now_ns - RATE_WINDOW_NS:
             self._times.popleft()
 
 
@@ -116,12 +122,12 @@ class _Device:
     def _run(self) -> None:
         try:
             self._connect_again_and_again()
-        except BaseException as error:  # a bug: raised where the events are taken, never swallowed
+        except BaseException as error:  # a bug: raised where the events are read, never ignored
             self.bug = error
             self._source.wake()
 
     def _connect_again_and_again(self) -> None:
-        stopped, wait_s = self._source.stopped, _FIRST_WAIT_S
+        stopped, wait_s = self._source.stopped, MIN_WAIT_S
         while not stopped.is_set():
             before, failed = self._source.taken_from(self.driver), None
             try:
@@ -138,29 +144,31 @@ class _Device:
                 return
             finally:
                 self.driver.close()
-                if failed is not None:  # only now, when it takes no command any more
+                if failed is not None:  # only now, when it accepts no command any more
                     self.message = str(failed)
                     self.state = "lost" if self.connections else "connecting"
                     _log.warning("%s", failed)
                 self._source.wake()
             if self._source.taken_from(self.driver) > before:
-                wait_s = _FIRST_WAIT_S
+                wait_s = MIN_WAIT_S
             stopped.wait(wait_s)
-            wait_s = min(2 * wait_s, _LONGEST_WAIT_S)
+            wait_s = min(2 * wait_s, MAX_WAIT_S)
 
 
 class HardwareSource:
     """The devices of a bench: their events in the order of arrival, all stamps on ``clock``. A context manager.
 
-    Entering it starts a thread for each device, which connects, and connects again with growing pauses where the
-    device is lost. Iteration waits for events and ends with `stop`, or when the cameras have ended (video files).
+    On entry it starts a thread for each device. The thread connects the device, and connects it again with growing
+    pauses where it is lost. Iteration waits for events and ends with `stop`, or when the cameras have ended (video
+    files).
 
     Args:
         drivers: the devices; their streams have different names.
-        info: what is publicly known of the session.
-        newest_only: only the newest frame of a view waits, for who shows or estimates; else 64 do, for a recording.
-        clock: the host's; by default a monotonic one that begins at 2 s.
-        described: the devices as ``bench.toml`` describes them, for `record`.
+        info: metadata of the session.
+        newest_only: whether only the newest frame of a view is kept, for display or estimation; else 64 are, for a
+        recording.
+        clock: clock of the host; by default a monotonic one that begins at 2 s.
+        described: configs of the devices in ``bench.toml``, for `record`.
 
     Raises ValueError where two drivers declare the same stream.
     """
@@ -187,23 +195,23 @@ class HardwareSource:
             for declared in driver.streams:
                 if declared.name in self._streams:
                     raise ValueError(f"two devices give the stream {declared.name!r}")
-                room = 1 if newest_only and declared.kind == "frame" else _ROOM[declared.kind]
+                room = 1 if newest_only and declared.kind == "frame" else QUEUE_LENGTHS[declared.kind]
                 self._streams[declared.name] = _Stream(declared, room)
         self._devices = [_Device(driver, self) for driver in drivers]
 
     @property
     def streams(self) -> tuple[DeclaredStream, ...]:
-        """What will come."""
+        """The streams that will come."""
         return tuple(stream.declared for stream in self._streams.values())
 
     @property
     def actuators(self) -> GrblActuators | None:
-        """The drives of the bench's stage; None where it has none."""
+        """The drives of the stage of the bench; None where it has none."""
         drivers = (device.driver for device in self._devices)
         return next((driver.actuators for driver in drivers if isinstance(driver, GrblStage)), None)
 
     def put(self, event: Event) -> None:
-        """Of a driver's thread: the next event of its stream; the oldest one that waits gives way where it is full."""
+        """Adds the next event of a stream, from the thread of its driver; drops the oldest one if the queue is full."""
         now = self.clock.now_ns()
         with self._changed:
             stream = self._streams[stream_of(event)]
@@ -222,16 +230,16 @@ class HardwareSource:
             self._changed.notify()
 
     def wake(self) -> None:
-        """Of a driver's thread: its state changed."""
+        """Reports a changed state, from the thread of a driver."""
         with self._changed:
             self._changed.notify_all()
 
     def taken_from(self, driver: Driver) -> int:
-        """Readings that ``driver`` has given so far."""
+        """Returns the number of readings of ``driver`` until now."""
         return sum(self._streams[declared.name].meter.count for declared in driver.streams)
 
     def wait_connected(self, timeout_s: float) -> tuple[DeviceHealth, ...]:
-        """Wait until all devices are connected, or for ``timeout_s``; returns those that are not."""
+        """Waits until all devices are connected, or for ``timeout_s``; returns those that are not connected."""
         end_ns = self.clock.now_ns() + round(timeout_s * 1e9)
         with self._changed:
             while any(not device.connections for device in self._devices):
@@ -243,11 +251,11 @@ class HardwareSource:
         return tuple(health for health in self.health() if health.name in missing)
 
     def stop(self) -> None:
-        """End the iteration after what has arrived; from any thread, or a signal's handler."""
+        """Ends the iteration after the events that have arrived; from any thread, or a signal handler."""
         self.stopped.set()
 
     def begin(self, seconds: float | None = None) -> None:
-        """Forget what has waited, count drops anew, and end the iteration after ``seconds`` from now."""
+        """Discards waiting events, resets the counts of drops, and ends the iteration after ``seconds`` from now."""
         with self._changed:
             for stream in self._streams.values():
                 stream.waiting.clear()
@@ -280,13 +288,13 @@ class HardwareSource:
         return bool(states) and all(state == "ended" for state in states)
 
     def trouble(self) -> str:
-        """Which devices are not connected, and why; empty where all are."""
+        """Returns the devices that are not connected, with the reasons, as text; empty if all are."""
         missing = [device for device in self._devices if device.state != "connected"]
-        told = (f"{device.driver.name} is {device.state}: {device.message}" for device in missing)
-        return "; ".join(each.removesuffix(": ") for each in told)
+        listed = (f"{device.driver.name} is {device.state}: {device.message}" for device in missing)
+        return "; ".join(each.removesuffix(": ") for each in listed)
 
     def health(self) -> tuple[DeviceHealth, ...]:
-        """How each device and its streams do now."""
+        """Returns the present health of each device and its streams."""
         now, force = self.clock.now_ns(), self._force.remark
         with self._changed:
             return tuple(self._health_of(device, now, force) for device in self._devices)
@@ -314,7 +322,7 @@ class HardwareSource:
 
     def __enter__(self) -> Self:
         for device in self._devices:
-            if device.thread.ident is None:  # entered already: `record` enters what a caller may have opened before
+            if device.thread.ident is None:  # `record` also enters a source that its caller entered
                 device.thread.start()
         return self
 
@@ -324,4 +332,4 @@ class HardwareSource:
         self.stop()
         for device in self._devices:
             if device.thread.ident is not None:
-                device.thread.join(_LEAVE_S)
+                device.thread.join(MAX_JOIN_S)

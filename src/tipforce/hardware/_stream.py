@@ -1,4 +1,4 @@
-"""A camera at an address of the network, through FFmpeg: RTSP, motion JPEG and whatever else it opens."""
+"""Reads a camera at an address of the network through FFmpeg: RTSP, motion JPEG and other protocols of FFmpeg."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -12,15 +12,15 @@ from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
 from ._driver import Setting
 from ._fields import FieldCheck
 
-_TIMEOUT_S = 2.0
+TIMEOUT_S = 2.0
 _NO_TIMESTAMPS = 0x80
-"""FFmpeg's AVFMT_NOTIMESTAMPS: the format has no stamps, and FFmpeg counts 25 images a second, whatever the camera."""
-_SETTLE_NS = 500_000_000
-"""Images that come so soon after the first one may have waited for this connection."""
+"""FFmpeg's AVFMT_NOTIMESTAMPS: the format has no stamps, and FFmpeg counts 25 images a second for any camera."""
+SETTLE_NS = 500_000_000
+"""Images that come within this time after the first one may have waited for this connection."""
 
 
 def size_of(image: Image) -> str:
-    """The size of an image as people write it.
+    """Returns the size of an image as text.
 
     >>> import numpy as np
     >>> size_of(np.zeros((480, 640), np.uint8))
@@ -37,17 +37,17 @@ def grey_image(image: Image) -> Image:
 
 
 class NetworkStream:
-    """One connection. Its images are current, or their age is known: see `read`.
+    """One connection to a camera. Its images are current, or their age is known: see `read`.
 
     Args:
         source: the address.
-        view: of the frames.
+        view: view of the frames.
         where: the camera, for messages.
-        counts: gets what went wrong how often.
-        grey: whether images are to be grey.
+        counts: counter of faults by name, which is updated.
+        grey: whether images are converted to grey.
         deinterlace: whether images are made of their even rows alone.
-        latency_ns: from mid-exposure to the arrival of the image that arrives fastest.
-        options: of FFmpeg.
+        latency_ns: shortest time from mid-exposure to the arrival of an image, ns.
+        options: options of FFmpeg.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class NetworkStream:
         self._stamped = False
 
     def open(self, clock: Clock) -> tuple[Setting, ...]:
-        """Connects, and passes over what may have waited for this connection.
+        """Connects, and skips images that may have waited for this connection.
 
         Returns codec, width and height. Raises DeviceError where it fails.
         """
@@ -86,7 +86,7 @@ class NetworkStream:
         if self._source.startswith("rtsp"):
             options["rtsp_transport"] = "tcp"
         try:
-            self._container = av.open(self._source, options=options | self._options, timeout=(_TIMEOUT_S, _TIMEOUT_S))
+            self._container = av.open(self._source, options=options | self._options, timeout=(TIMEOUT_S, TIMEOUT_S))
         except (av.error.FFmpegError, OSError) as error:
             raise DeviceError(f"{self._where}: cannot be opened: {error}") from None
         streams = self._container.streams.video
@@ -96,7 +96,7 @@ class NetworkStream:
         self._frames = self._decoded(streams[0])
         context = streams[0].codec_context
         self.read()
-        settled_ns = clock.now_ns() + _SETTLE_NS
+        settled_ns = clock.now_ns() + SETTLE_NS
         while clock.now_ns() < settled_ns:
             self.read()
         return (
@@ -106,7 +106,7 @@ class NetworkStream:
         )
 
     def _decoded(self, stream: Any) -> Iterator[tuple[int | None, Image]]:
-        """Images as a player shows them, with the stamps of their stream, None where it has none."""
+        """Yields images as a player shows them, with the stamps of their stream, None where it has none."""
         import av.error
 
         fields = FieldCheck(self._view, self._where, deinterlace=self._deinterlace)
@@ -131,13 +131,14 @@ class NetworkStream:
         )
 
     def read(self) -> Frame | None:
-        """The next image; None for one that is not current.
+        """Returns the next image; None for one that is not current.
 
-        An image of a stream with stamps has its own stamp, however late it arrives. One without has that of its
-        arrival, with a bound on how long it waited before; it is discarded where that is more than 200 ms.
+        An image of a stream with stamps has its own stamp, even if it arrives late. An image without one has the stamp
+        of its arrival, with a bound on the time for which it waited before; it is discarded where that is more than 200
+        ms.
 
         Raises:
-            DeviceError: the stream is lost or has ended, its images changed their size, or stay late by a second.
+            DeviceError: the stream is lost or has ended, or its images change their size or stay late by a second.
         """
         assert self._clock is not None
         asked_ns = self._clock.now_ns()
@@ -172,5 +173,5 @@ class NetworkStream:
             self._container = None
 
     def clock_report(self) -> ClockReport | None:
-        """The stream's stamps against the host's clock; None where it has no stamps."""
+        """Returns the report on the stamps of the stream, compared with the clock of the host; None without stamps."""
         return self._map.report() if self._stamped else None

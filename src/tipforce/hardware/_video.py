@@ -1,4 +1,4 @@
-"""A video file in its own time, or a stream from the network (RTSP and whatever else FFmpeg opens), as a camera."""
+"""Driver of a video file in real time, or of a network stream (RTSP and other protocols of FFmpeg), as a camera."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,10 +17,13 @@ from ._stream import NetworkStream, grey_image
 class VideoConfig(DeviceConfig, frozen=True):
     """``[hardware.cameras.VIEW]`` with ``driver = "video"``.
 
-    ``source``: a file, or an address as "rtsp://10.0.0.7/stream". ``latency_ms``: of a stream, from mid-exposure to the
-    arrival of the image that arrives fastest. ``options``: of FFmpeg, as { rtsp_transport = "udp" }.
-    ``deinterlace``: of a stream whose even and odd rows are taken at two instants, each image is made of its even rows
-    alone (both fields of a file are read as images of their own).
+    Attributes:
+        source: a file, or an address as "rtsp://10.0.0.7/stream".
+        grey: whether images are converted to grey.
+        deinterlace: whether each image is made of its even rows alone, for a stream whose even and odd rows are taken
+            at two instants (both fields of a file are read as images of their own).
+        latency_ms: shortest time from mid-exposure to the arrival of an image of a stream, ms.
+        options: options of FFmpeg, as { rtsp_transport = "udp" }.
     """
 
     driver: Literal["video"] = "video"
@@ -34,21 +37,21 @@ class VideoConfig(DeviceConfig, frozen=True):
     @classmethod
     def _goes_with_a_stream(cls, deinterlace: bool, info: ValidationInfo) -> bool:
         if deinterlace and "://" not in info.data.get("source", "://"):
-            raise ValueError("it goes with a stream; both fields of a video file are read as images anyway")
+            raise ValueError("it is for streams; both fields of a video file are read as images anyway")
         return deinterlace
 
     @property
     def is_file(self) -> bool:
-        """Whether it is a file, which ends."""
+        """Whether the source is a file, which ends."""
         return "://" not in self.source
 
     def located(self, folder: Path) -> Self:
-        """See `DeviceConfig`; an address stays."""
+        """See `DeviceConfig`; an address is not changed."""
         return self.model_copy(update={"source": str(folder / self.source)}) if self.is_file else self
 
 
 class Video(Driver):
-    """A file or a stream."""
+    """Driver of a file or a stream."""
 
     config_type = VideoConfig
 
@@ -80,7 +83,7 @@ class Video(Driver):
         return (DeclaredStream(self.view, "frame", None, clock),)
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
-        """Open it."""
+        """Opens the file or stream."""
         self._clock, self._pending = clock, None
         if self.config.is_file:
             file = open_source(Path(self.config.source))
@@ -96,7 +99,7 @@ class Video(Driver):
         return self._stream.open(clock)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
-        """The next image; of a file when its time has come."""
+        """Returns the next image; that of a file at its time."""
         assert self._clock is not None
         if self.config.is_file:
             return self._played(timeout_s)
@@ -120,11 +123,11 @@ class Video(Driver):
         return (Frame(due_ns, image, self.view),)
 
     def close(self) -> None:
-        """Let go of it."""
+        """Closes the stream."""
         self._stream.close()
 
     def clocks(self) -> Mapping[str, ClockReport]:
-        """The stream's stamps against the host's clock."""
+        """Returns the report on the stamps of the stream, compared with the clock of the host."""
         report = self._stream.clock_report()
         return {} if self.config.is_file or report is None else {self.view: report}
 

@@ -1,6 +1,6 @@
-"""Devices on this machine that speak the real protocols: for tests, and to try a bench without one.
+"""Emulated devices with the real protocols on this machine: for tests, and to try a bench without devices.
 
-``python -m tipforce.hardware.emulators`` starts a whole bench of them and writes its ``bench.toml``.
+``python -m tipforce.hardware.emulators`` starts a complete bench of them and writes its ``bench.toml``.
 """
 
 from ._camera import CameraEmulator

@@ -1,4 +1,4 @@
-"""A bench of emulated devices: a camera, a Net F/T box, a GRBL stage and an encoder, with a ``bench.toml`` for them.
+"""Runs a bench of emulated devices: a camera, a Net F/T box, a GRBL stage and an encoder, and writes ``bench.toml``.
 
 python -m tipforce.hardware.emulators FOLDER [--loss 0.01] [--reorder 0.01] [--fps 30] [--seconds S]
 """
@@ -54,12 +54,12 @@ _CONTACT_FROM_S, _BEAT_HZ, _PEAK_N = 5.0, 1.2, 0.2
 
 
 def _push(seconds: float) -> float:
-    """0..1: free at first, then as a heart that beats against the tip."""
+    """Returns the push of the tip, 0 to 1: 0 at first, then as of a heart that beats against the tip."""
     return 0.0 if seconds < _CONTACT_FROM_S else max(0.0, math.sin(2 * math.pi * _BEAT_HZ * seconds))
 
 
 def _image(bend: float) -> Image:
-    """(480, 640) grey: a dark line from the left border, bent upward by ``bend``."""
+    """Returns (480, 640) grey: a dark line from the left border, bent upward by ``bend``."""
     image = np.full((480, 640), 210, np.uint8)
     columns = np.arange(0, 480)
     middle = 240 - 80 * bend * (columns / 480) ** 2
@@ -69,9 +69,9 @@ def _image(bend: float) -> Image:
 
 
 def main(folder: Path, loss: float = 0.0, reorder: float = 0.0, fps: float = 30.0, seconds: float = math.inf) -> None:
-    """Start a camera, a Net F/T box, a GRBL stage and an encoder, and write FOLDER/bench.toml for them.
+    """Starts a camera, a Net F/T box, a GRBL stage and an encoder, and writes FOLDER/bench.toml for them.
 
-    LOSS and REORDER are shares of the force packets that get lost or come late. It runs until Ctrl-C, or for SECONDS.
+    LOSS and REORDER are the shares of the force packets that are lost or late. It runs until Ctrl-C, or for SECONDS.
     """
     folder = folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)

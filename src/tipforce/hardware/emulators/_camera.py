@@ -1,4 +1,4 @@
-"""A network camera on this machine: motion JPEG by HTTP, which OpenCV and FFmpeg open."""
+"""Emulates a network camera on this machine: motion JPEG by HTTP, which OpenCV and FFmpeg open."""
 
 import threading
 import time
@@ -15,7 +15,7 @@ _POLL_S = 0.02
 
 
 class CameraEmulator:
-    """``image``: number of the image -> what it shows. ``frozen``: it sends none; ``gone``: it takes no connection."""
+    """Emulated camera. ``image``: number -> image. ``frozen``: it sends none; ``gone``: it accepts no connection."""
 
     def __init__(self, image: Callable[[int], Image], fps: float = 30.0, port: int = 0) -> None:
         self._image, self._fps, self._port = image, fps, port
@@ -25,7 +25,7 @@ class CameraEmulator:
 
     @property
     def url(self) -> str:
-        """Its address."""
+        """Address of the camera."""
         return f"http://127.0.0.1:{self._port}/camera.mjpg"
 
     def __enter__(self) -> Self:
@@ -62,7 +62,7 @@ class CameraEmulator:
         self._server.server_close()
 
     def stream(self, write: Callable[[bytes], object]) -> None:
-        """Send images until whoever watches has gone."""
+        """Sends images until the connection ends."""
         due = time.monotonic()
         while not self._stopped.is_set() and not self.gone:
             due += 1.0 / self._fps
@@ -73,6 +73,6 @@ class CameraEmulator:
             head = f"--{_BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n"
             try:
                 write(head.encode() + data + b"\r\n")
-            except OSError:  # it has gone
+            except OSError:  # the connection has ended
                 return
             self.sent += 1

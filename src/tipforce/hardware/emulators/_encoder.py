@@ -1,4 +1,4 @@
-"""An encoder at a serial port that writes a number a line."""
+"""Emulates an encoder at a serial port that writes one number per line."""
 
 import time
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from ._pty import PtyDevice
 
 
 class EncoderEmulator(PtyDevice):
-    """``angle``: seconds -> number. ``garbage``: it writes what no number is; ``silent``: it writes nothing."""
+    """Emulated encoder. ``angle``: seconds -> number. ``garbage``: it writes no numbers; ``silent``: nothing."""
 
     def __init__(self, path: Path, angle: Callable[[float], float], rate_hz: float = 100.0) -> None:
         super().__init__(path)
@@ -17,7 +17,7 @@ class EncoderEmulator(PtyDevice):
         self.garbage = self.silent = False
 
     def step(self) -> None:
-        """Write the lines that are due."""
+        """Writes the lines that are due."""
         seconds = time.monotonic() - self._zero
         due = int(seconds * self._rate_hz)
         if due > self._done:

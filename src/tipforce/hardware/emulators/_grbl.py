@@ -1,4 +1,4 @@
-"""A GRBL 1.1 controller at a serial port: jogs with ramps, status, feed hold, cancel, reset, limits and alarms."""
+"""Emulates a GRBL 1.1 controller at a serial port: jogs with ramps, status, feed hold, cancel, reset, alarms."""
 
 import math
 import time
@@ -10,22 +10,25 @@ from .._grbl import CANCEL, HOLD, RESET, STATUS
 from ._pty import PtyDevice
 
 _LETTERS = "XYZ"
-_PLANNED = 15
-"""Moves that the planner holds."""
+MAX_PLANNED_MOVES = 15
+"""Number of moves that the planner holds."""
 _RECEIVE_BYTES = 127
-_WCO_EVERY = 10
-"""The work offset comes with every tenth status, as GRBL sends it while idle."""
+STATUS_PER_WCO = 10
+"""Every tenth status has the work offset, as GRBL sends it while idle."""
 
 
 class GrblEmulator(PtyDevice):
-    """Three axes. ``mute``: it answers nothing.
+    """Emulated controller of three axes.
 
-    Moves are straight; the planner looks ahead over `_PLANNED` of them, so that moves in the same direction pass into
-    each other and a reversal comes to rest. Lines beyond that wait in the receive buffer, unanswered; ``overruns``:
-    bytes that found it full, which GRBL loses.
+    Moves are straight. The planner looks ahead over `MAX_PLANNED_MOVES` of them, so that moves in the same direction
+    join, and a reversal comes to rest. Further lines wait in the receive buffer without a response.
 
-    ``heard``: the lines that it was sent; ``realtime``: the holds, resets and cancels; ``place``: where the axes are,
-    in machine coordinates.
+    Attributes:
+        mute: it responds to nothing.
+        overruns: number of bytes that found the buffer full, which GRBL loses.
+        heard: the lines that it received.
+        realtime: the holds, resets and cancels that it received.
+        place: position of each axis in machine coordinates, mm.
     """
 
     DEFAULTS: ClassVar[dict[str, float]] = {
@@ -55,7 +58,7 @@ class GrblEmulator(PtyDevice):
         self._last_s = time.monotonic()
 
     def trigger_limit(self) -> None:
-        """A limit switch is hit: GRBL stops at once and is locked."""
+        """Hits a limit switch: GRBL stops immediately and is locked."""
         self._alarm(1)
 
     def _alarm(self, number: int) -> None:
@@ -68,7 +71,7 @@ class GrblEmulator(PtyDevice):
             self.send(line + "\r\n")
 
     def received(self, data: bytes) -> None:
-        """Real-time commands are picked out of the bytes wherever they stand; the rest is lines."""
+        """Executes real-time commands at any position in the bytes; the other bytes form lines."""
         for value in data:
             byte = bytes([value])
             if byte in (HOLD, RESET, CANCEL):
@@ -98,7 +101,7 @@ class GrblEmulator(PtyDevice):
                 self._line += byte
 
     def _obey_what_fits(self) -> None:
-        while self._lines and not (self._lines[0].startswith("$J=") and len(self._queue) >= _PLANNED):
+        while self._lines and not (self._lines[0].startswith("$J=") and len(self._queue) >= MAX_PLANNED_MOVES):
             line = self._lines.popleft()
             self.heard.append(line)
             self._obey(line)
@@ -158,7 +161,7 @@ class GrblEmulator(PtyDevice):
         return None
 
     def step(self) -> None:
-        """Move for the time that has passed."""
+        """Moves for the time that has passed."""
         now = time.monotonic()
         left_s, self._last_s = now - self._last_s, now
         while left_s > 0 and self._state == "Jog":
@@ -190,14 +193,14 @@ class GrblEmulator(PtyDevice):
                 self._state, self._braking = "Idle", False
 
     def _limits_along(self, share: list[float], feed: float) -> tuple[float, float]:
-        """Acceleration and speed along a move of which each axis does its ``share``."""
+        """Returns acceleration and speed along a move; each axis has its ``share`` of them."""
         brake = min((self.settings[str(120 + k)] / share[k] for k in range(3) if share[k]), default=1e9)
         return brake, min([feed, *(self.settings[str(110 + k)] / 60.0 / share[k] for k in range(3) if share[k])])
 
     def _leaving_speed(self, way: list[float], length: float) -> float:
-        """The speed at the end of the first move from which those behind it can still come to rest in time."""
+        """Returns the speed at the end of the first move from which the next moves can still come to rest in time."""
         here, moves = self._queue[0][0], list(self._queue)[1:]
-        junctions: list[tuple[float, float, float]] = []  # speed at a corner; length and brake of the move behind it
+        junctions: list[tuple[float, float, float]] = []  # speed at a corner; length and brake of the move after it
         feed = self._queue[0][1]
         for target, next_feed in moves:
             next_way = [end - start for end, start in zip(target, here, strict=True)]
@@ -216,7 +219,7 @@ class GrblEmulator(PtyDevice):
         numbers = ",".join(f"{value:.3f}" for value in self.place)
         state = "Hold:0" if self._state == "Hold" else self._state
         extra = ""
-        if self._reports % _WCO_EVERY == 0:
+        if self._reports % STATUS_PER_WCO == 0:
             extra = "|WCO:" + ",".join(f"{value:.3f}" for value in self._offset)
         self._reports += 1
         self._say(f"<{state}|MPos:{numbers}|FS:{60 * self._speed:.0f},0{extra}>")

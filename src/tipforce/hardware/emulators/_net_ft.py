@@ -1,4 +1,4 @@
-"""A Net F/T box on this machine: RDT by UDP and ``netftapi2.xml`` by HTTP, with every fault that a network has."""
+"""Emulates a Net F/T box on this machine: RDT by UDP and ``netftapi2.xml`` by HTTP, with all faults of a network."""
 
 import random
 import socket
@@ -17,11 +17,16 @@ _POLL_S = 0.02
 
 @dataclass
 class NetFtFaults:
-    """What goes wrong; may be changed while it runs.
+    """Faults of the box; they may be changed while it runs.
 
-    ``loss`` and ``reorder``: shares of the packets that are lost, or sent behind a later one; ``skip``: packets that
-    the box itself leaves out next; ``status``: its status word; ``silent``: it sends nothing; ``frozen``: its F/T
-    sequence stands still; ``deaf``: it takes no request.
+    Attributes:
+        loss: share of the packets that are lost.
+        reorder: share of the packets that are sent after a later one.
+        skip: number of packets that the box itself leaves out next.
+        status: its status word.
+        silent: it sends nothing.
+        frozen: its F/T sequence does not change.
+        deaf: it accepts no request.
     """
 
     loss: float = 0.0
@@ -35,9 +40,10 @@ class NetFtFaults:
 
 @dataclass
 class NetFtEmulator:
-    """``force``: seconds -> six values in the box's units. ``sent``: counts of packets by what became of them.
+    """Emulated Net F/T box.
 
-    ``garbage_while_faulty``: what the counts are while the status word is not 0, so that a false force is seen.
+    ``force``: seconds -> six values in the units of the box. ``sent``: number of packets by their fate: "made", "lost",
+    ... ``garbage_while_faulty``: the counts while the status word is not 0, so that a false force is detected.
     """
 
     force: Callable[[float], tuple[float, ...]] = lambda _: (0.0,) * 6
@@ -97,7 +103,7 @@ class NetFtEmulator:
         self._socket.close()
 
     def configuration(self) -> str:
-        """What its page of the active configuration states, as far as a driver reads it."""
+        """Returns its page of the active configuration, with the values that a driver reads."""
         return (
             '<?xml version="1.0" encoding="utf-8"?><netft><runstat>0x00000000</runstat><runrate>7000</runrate>'
             f"<setuserfilter>0</setuserfilter><cfgnam>Configuration #1</cfgnam><scfgfu>{self.force_unit}</scfgfu>"
@@ -107,14 +113,14 @@ class NetFtEmulator:
         )
 
     def restart(self) -> None:
-        """Begin to count packets anew, as after a loss of power; somebody has to ask again."""
+        """Restarts the count of packets, as after a loss of power; the stream must be requested again."""
         self.rdt, self._ft, self._peer = 0, 0, None
 
     def _listen(self) -> None:
         while not self._stopped.is_set():
             try:
                 request, peer = self._socket.recvfrom(64)
-            except OSError:  # nobody asked; or the last one who did is gone
+            except OSError:  # no request, or the last client is gone
                 continue
             if self.faults.deaf or len(request) != RDT_REQUEST.size:
                 continue
@@ -143,7 +149,7 @@ class NetFtEmulator:
                 continue
             self.rdt = (self.rdt + 1) % (1 << 32)
             self.sent["made"] += 1
-            if self.faults.silent:  # a cable that is out: the box goes on
+            if self.faults.silent:  # the cable is disconnected: the box continues
                 self.sent["silenced"] += 1
                 continue
             if self.faults.skip:
@@ -161,7 +167,7 @@ class NetFtEmulator:
             for each in (packet, held) if held else (packet,):
                 try:
                     self._socket.sendto(each, peer)
-                except OSError:  # nobody listens there any more
+                except OSError:  # the client is gone
                     self._peer = None
             held = None
 

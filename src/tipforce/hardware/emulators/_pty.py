@@ -1,4 +1,4 @@
-"""A serial port on this machine: a pseudo-terminal whose other end a thread answers."""
+"""Emulates a serial port on this machine: a pseudo-terminal whose other end a thread serves."""
 
 import os
 import select
@@ -11,7 +11,7 @@ _POLL_S = 0.002
 
 
 class PtyDevice:
-    """Base of what answers at a serial port. ``path``: a link to the port, the same after it was plugged in again."""
+    """Base of devices at a serial port. ``path``: a link to the port, the same after it was plugged in again."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -21,19 +21,19 @@ class PtyDevice:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def received(self, data: bytes) -> None:
-        """The driver has sent ``data``."""
+        """Processes ``data`` from the driver."""
 
     def step(self) -> None:
-        """Called every few milliseconds."""
+        """Does the work of a few milliseconds; called at this interval."""
 
     def send(self, text: str) -> None:
-        """Write ``text`` to the driver; nowhere while the port is unplugged."""
+        """Writes ``text`` to the driver; it is lost while the port is unplugged."""
         with self._lock:
             if self._master is not None:
                 os.write(self._master, text.encode())
 
     def plug_in(self) -> None:
-        """Make the port."""
+        """Makes the port."""
         import tty
 
         master, slave = os.openpty()
@@ -47,7 +47,7 @@ class PtyDevice:
             self._master, self._slave = master, slave
 
     def unplug(self) -> None:
-        """Take the port away while it is in use."""
+        """Removes the port while it is in use."""
         with self._lock:
             master, self._master = self._master, None
         if master is not None:
@@ -62,7 +62,7 @@ class PtyDevice:
                 if self._master is not None and select.select([self._master], [], [], 0)[0]:
                     try:
                         data = os.read(self._master, 4096)
-                    except OSError:  # nobody has it open
+                    except OSError:  # no program has it open
                         data = b""
             if data:
                 self.received(data)
