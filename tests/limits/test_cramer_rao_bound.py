@@ -13,7 +13,7 @@ from tipforce.limits import (
     SESSION_NOISE,
     CentrelineNoise,
     CramerRaoBound,
-    DentReading,
+    IndentationReading,
     bound_inputs,
     centreline_jacobian,
     describe_nuisances,
@@ -88,7 +88,7 @@ def test_the_indentation_tells_the_force_along_the_normal_where_the_tissue_is_kn
     touching = session.touching & (np.linalg.norm(session.force_n, axis=1) > 0.05)
     shape = session.single_frame().magnitude_std_n[touching]
     known, open_, blind = (
-        session.with_dent(DentReading(*each)).single_frame().magnitude_std_n[touching]
+        session.with_indentation(IndentationReading(*each)).single_frame().magnitude_std_n[touching]
         for each in ((1e-5, 1e-3, 1e-6), (1e-5, 0.8, 1e-6), (1.0, 0.8, 1.0))
     )
     stiffness = session.wall.stiffness_n_per_m
@@ -97,13 +97,15 @@ def test_the_indentation_tells_the_force_along_the_normal_where_the_tissue_is_kn
     assert (open_ > known).all()
     assert (open_ < shape * (1 + 1e-9)).all()
     np.testing.assert_allclose(blind, shape, rtol=1e-3)
-    assert (session.with_dent(DentReading(1e-5, 0.8, 1e-6)).sequential().magnitude_std_n[touching] <= open_).all()
+    assert (
+        session.with_indentation(IndentationReading(1e-5, 0.8, 1e-6)).sequential().magnitude_std_n[touching] <= open_
+    ).all()
 
 
 def test_the_indentation_of_another_law_has_no_bound(session):
     other = replace(session, wall=replace(session.wall, hertz_depth_m=2e-3))
     with pytest.raises(ValueError, match="linear tissue"):
-        other.with_dent(DentReading(1e-4, 0.8, 1e-4))
+        other.with_indentation(IndentationReading(1e-4, 0.8, 1e-4))
 
 
 def test_the_bound_lies_between_the_noise_and_what_was_known_before(session):

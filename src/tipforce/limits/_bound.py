@@ -16,7 +16,7 @@ from ._priors import (
     CENTRELINE_NOISE,
     SESSION_NOISE,
     CentrelineNoise,
-    DentReading,
+    IndentationReading,
     Parameter,
     noise_preset,
     unknown_parameters,
@@ -129,7 +129,7 @@ class CramerRaoBound:
             wall=inputs.bench_model.wall,
         )
 
-    def with_dent(self, reading: DentReading) -> Self:
+    def with_indentation(self, reading: IndentationReading) -> Self:
         """Returns the model of an estimator that also reads how deep the tip presses into the tissue.
 
         Force along the normal = stiffness x depth; the rate of the depth counts as known. Both the tissue's stiffness
@@ -167,7 +167,7 @@ class CramerRaoBound:
         covariance = self.noise.fresh.covariance_m2(self.arc_m)
         if lasting:
             covariance = covariance + self.noise.lasting.covariance_m2(self.arc_m)
-        white = self._with_dent_row(_whitened(self.jacobian[:, :, free], covariance), free)
+        white = self._with_indentation_row(_whitened(self.jacobian[:, :, free], covariance), free)
         return self._bound(posterior_covariance(white, self._prior(free, force_n2), sum(k < 3 for k in free)))
 
     def sequential(
@@ -207,12 +207,12 @@ class CramerRaoBound:
             shown = np.broadcast_to(np.eye(len(rows)) * self.stable[:, None, None], (len(jacobian), *rows.shape))
             jacobian = np.concatenate([jacobian, shown], axis=2)
         wanted = sum(k < 3 for k in free)
-        white = self._with_dent_row(_whitened(jacobian, fresh), free)
+        white = self._with_indentation_row(_whitened(jacobian, fresh), free)
         found = posterior_covariance_along(white, prior, wanted, time_s, np.array(memory))
         found[nothing] = 0.0
         return self._bound(found)
 
-    def _with_dent_row(self, white: FloatArray, free: list[int]) -> FloatArray:
+    def _with_indentation_row(self, white: FloatArray, free: list[int]) -> FloatArray:
         """``white`` (m, rows, columns), its first columns ``free``, with a row of the indentation if it is read."""
         if self.dent_rows is None:
             return white

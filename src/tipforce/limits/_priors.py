@@ -170,7 +170,7 @@ class CentrelineNoise:
 
 
 @dataclass(frozen=True, slots=True)
-class DentReading:
+class IndentationReading:
     """How well an estimator reads the indentation of the tissue, and what it knows of the tissue beforehand.
 
     ``std_m``: of the depth in one frame; ``log_stiffness_std``: of the stiffness's logarithm; ``face_m``: of where the

@@ -1,6 +1,6 @@
 """How well the force can be known by an estimator that also reads how deep the tip presses into the tissue.
 
-    OMP_NUM_THREADS=1 .venv/bin/python -m bench.studies.limits_with_dent --sessions 40 --out build/dent.json
+    OMP_NUM_THREADS=1 python -m bench.studies.limits_with_indentation --sessions 40 --out build/indentation.json
 
 The bound of `limits`, whose priors and noise it has, with one more reading in each frame: the depth of the
 indentation. Its error and what is known of the tissue beforehand are assumed, not measured: the rows are these
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from tipforce.clinical import CONTACT_N
-from tipforce.limits import CONTACT_FORCE_PRIORS_N2, CramerRaoBound, DentReading
+from tipforce.limits import CONTACT_FORCE_PRIORS_N2, CramerRaoBound, IndentationReading
 from tipforce.simulation import PRESETS, SimulatedBench
 
 PRIORS = {"3 %": 0.03, "12 %, as bench-2021 draws it": 0.117, "unknown, 30 to 500 N/m": 0.812}
@@ -34,7 +34,9 @@ def one(preset: str, seed: int, number: int) -> dict[str, np.ndarray]:
     models = {"the shape alone": session}
     for reading, (std_m, face_m) in READINGS.items():
         for prior, log_std in PRIORS.items():
-            models[f"depth to {reading}, stiffness {prior}"] = session.with_dent(DentReading(std_m, log_std, face_m))
+            models[f"depth to {reading}, stiffness {prior}"] = session.with_indentation(
+                IndentationReading(std_m, log_std, face_m)
+            )
     return {
         f"{name}|{way}": 1e3 * getattr(model, WAYS[way])((), CONTACT_FORCE_PRIORS_N2[preset]).magnitude_std_n[chosen]
         for name, model in models.items()
