@@ -1,4 +1,4 @@
-"""What a force means for an ablation: contact state and class, window and limit, force-time integral."""
+"""Clinical quantities of an ablation: contact state and class, force window and limit, force-time integral."""
 
 from ._monitor import ClinicalState, ContactMonitor, Duration
 from ._probability import probability_above

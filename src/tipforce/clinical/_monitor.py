@@ -1,4 +1,4 @@
-"""Contact followed over time: state, class, time in the window and above the limit, force-time integral."""
+"""Follows the contact over time: state, class, time in the window and above the limit, force-time integral."""
 
 import math
 from collections import deque
@@ -14,10 +14,13 @@ from ._state import ContactClass, ContactState, contact_class, contact_state
 
 @dataclass(frozen=True, slots=True)
 class Duration:
-    """Time that a force was in some range.
+    """Time during which a force was in a range.
 
-    ``seconds``: by the estimates themselves. ``least_s``: while the whole 90 % interval lay in the range; ``most_s``:
-    while any of it did. An estimate without a bounded interval adds to ``most_s`` alone.
+    Attributes:
+        seconds: time by the estimates themselves, s.
+        least_s: time during which the whole 90 % interval was in the range, s.
+        most_s: time during which any part of the interval was in the range, s. An estimate without a bounded interval
+            adds only to this time.
     """
 
     seconds: float = 0.0
@@ -25,7 +28,14 @@ class Duration:
     most_s: float = 0.0
 
     def plus(self, seconds: float, inside: bool, surely: bool, possibly: bool) -> "Duration":
-        """Adds ``seconds``, as far as they were in the range."""
+        """Returns the duration with a further stretch of time.
+
+        Args:
+            seconds: length of the stretch, s.
+            inside: whether the force was in the range.
+            surely: whether the whole interval was in the range.
+            possibly: whether any part of the interval was in the range.
+        """
         return Duration(
             self.seconds + seconds * inside, self.least_s + seconds * surely, self.most_s + seconds * possibly
         )
@@ -33,15 +43,26 @@ class Duration:
 
 @dataclass(frozen=True, slots=True)
 class ClinicalState:
-    """The contact at one instant, and what it has come to since the start.
+    """The contact at one instant, and the totals since the start.
 
-    ``contact`` is by the magnitude itself. ``in_contact``, ``in_window``, ``above_limit``: probabilities, NaN where
-    unknown. All times are since the first frame or the last `ContactMonitor.reset`: ``elapsed_s`` is that between the
-    first frame and this one, ``unknown_s`` the part of it without a valid estimate. It counts as nothing else, and
-    least of all as zero force. ``integral_n_s``: force-time integral over the known time, with the ends
-    ``integral_interval_n_s`` as if the errors of all frames went the same way: errors of one session do resemble each
-    other, and where they average out the interval is wider than need be. NaN ends where some estimate had no bounded
-    interval.
+    All times are since the first frame or the last `ContactMonitor.reset`. Time without a valid estimate is only
+    counted as ``unknown_s``, in particular not as zero force.
+
+    Attributes:
+        stamp_ns: mid-exposure of the frame.
+        contact: state by the magnitude itself.
+        contact_class: class of the last seconds.
+        in_contact: probability of contact; NaN where unknown.
+        in_window: probability that the force is in the window; NaN where unknown.
+        above_limit: probability that the force is above the limit; NaN where unknown.
+        elapsed_s: time from the first frame to this one, s.
+        unknown_s: part of it without a valid estimate, s.
+        window: time in the window.
+        limit: time above the limit.
+        integral_n_s: force-time integral over the known time, N s.
+        integral_interval_n_s: its ends if the errors of all frames had the same sign. Errors of one session do resemble
+            each other; where they average out, the interval is wider than necessary. NaN where an estimate had no
+            bounded interval.
     """
 
     stamp_ns: int
@@ -80,7 +101,7 @@ class ClinicalState:
 
 
 class _Instant(NamedTuple):
-    """One frame: when, and how strong; NaN where unknown."""
+    """Stamp, magnitude and interval of one frame; NaN where unknown."""
 
     stamp_ns: int
     magnitude_n: float
@@ -91,9 +112,9 @@ class _Instant(NamedTuple):
 class ContactMonitor:
     """Follows one stream of estimates.
 
-    A frame stands for half the time to the frame before it and half the time to the next one. Half of what lies
-    between a valid and an invalid frame is therefore unknown, and all between frames more than ``max_gap_s`` apart.
-    A frame that is not later than the one before it adds no time.
+    A frame represents half the time to the frame before it and half the time to the next one. Therefore half of the
+    time between a valid and an invalid frame is unknown, and all of the time between frames more than ``max_gap_s``
+    apart. A frame that is not later than the one before it adds no time.
 
     >>> import numpy as np
     >>> nothing = np.full((3, 3), np.nan)
@@ -116,16 +137,16 @@ class ContactMonitor:
         self._last: _Instant | None = None
         self._recent: deque[tuple[int, float]] = deque()
         self._since_ns: int | None = None
-        """Stamp since which frames followed each other without a gap."""
+        """Stamp since which there was no gap between frames."""
         self.reset()
 
     def reset(self) -> None:
-        """Begins times and integral anew, as when the ablation begins; the class goes on."""
+        """Resets times and integral, as at the beginning of an ablation; the class continues."""
         self._elapsed_s = self._unknown_s = self._integral = self._low = self._high = 0.0
         self._window = self._limit = Duration()
 
     def update(self, estimate: ForceEstimate) -> ClinicalState:
-        """Takes the next estimate; returns the state with it."""
+        """Adds the next estimate; returns the state after it."""
         settings = self.settings
         low, high = estimate.magnitude_interval_n.tolist()
         bounded = math.isfinite(low) and math.isfinite(high)
@@ -173,7 +194,7 @@ class ContactMonitor:
         )
 
     def _add(self, instant: _Instant, seconds: float) -> None:
-        """``seconds`` at the force of ``instant``."""
+        """Adds ``seconds`` at the force of ``instant``."""
         force, low, high = instant.magnitude_n, instant.low_n, instant.high_n
         if math.isnan(force):
             self._unknown_s += seconds
@@ -191,7 +212,7 @@ class ContactMonitor:
         self._high += seconds * high
 
     def _class(self, now: _Instant) -> ContactClass:
-        """The class of the last seconds; unknown until they have passed."""
+        """Returns the class of the last seconds; unknown until they have passed."""
         reach = round(self.settings.class_s * 1e9)
         self._recent.append((now.stamp_ns, now.magnitude_n))
         while self._recent[0][0] < now.stamp_ns - reach:

@@ -1,4 +1,4 @@
-"""How sure an estimate is that the force is above a value."""
+"""Probability that a force is above a value, from an estimate."""
 
 import math
 from statistics import NormalDist
@@ -7,20 +7,20 @@ import numpy as np
 
 from ..types import ForceEstimate
 
-_END = NormalDist().inv_cdf(0.95)
-"""Standard deviations from the middle to either end of a 90 % interval."""
+STANDARD_DEVIATIONS_TO_END = NormalDist().inv_cdf(0.95)
+"""Standard deviations from the middle to each end of a 90 % interval."""
 
 
 def probability_above(estimate: ForceEstimate, force_n: float) -> float:
-    """Probability that the force's magnitude is above ``force_n``.
+    """Returns the probability that the magnitude of the force is above ``force_n``.
 
-    The magnitude is taken as two halves of normal distributions with 5 % beyond either end of its 90 % interval. A
-    lower end that was cut at 0 tells nothing, the lower half is then as wide as the upper one. Without an interval the
-    standard deviation is that of the covariance along the force.
+    The magnitude is modelled by two halves of normal distributions with 5 % beyond each end of its 90 % interval. A
+    lower end that was cut at 0 has no information; the lower half is then as wide as the upper one. Without an interval
+    the standard deviation is that of the covariance along the force.
 
     Args:
-        estimate: of one instant.
-        force_n: in newtons, above 0.
+        estimate: estimate of one instant.
+        force_n: the value, N, above 0.
 
     Returns:
         0 to 1; NaN where the estimate is not valid, or holds neither a bounded interval nor a covariance.
@@ -30,8 +30,12 @@ def probability_above(estimate: ForceEstimate, force_n: float) -> float:
     magnitude = estimate.magnitude_n
     low, high = estimate.magnitude_interval_n.tolist()
     if math.isfinite(low) and math.isfinite(high):
-        upper = max(high - magnitude, 0.0) / _END
-        lower = max(magnitude - low, 0.0) / _END if low > 0.0 else max(upper, magnitude / _END)
+        upper = max(high - magnitude, 0.0) / STANDARD_DEVIATIONS_TO_END
+        lower = (
+            max(magnitude - low, 0.0) / STANDARD_DEVIATIONS_TO_END
+            if low > 0.0
+            else max(upper, magnitude / STANDARD_DEVIATIONS_TO_END)
+        )
     else:
         upper = lower = _deviation_n(estimate)
     sigma = upper if force_n >= magnitude else lower
@@ -41,7 +45,7 @@ def probability_above(estimate: ForceEstimate, force_n: float) -> float:
 
 
 def _deviation_n(estimate: ForceEstimate) -> float:
-    """Standard deviation of the magnitude to first order; NaN where the covariance is not known."""
+    """Returns the standard deviation of the magnitude to first order; NaN where the covariance is unknown."""
     known = estimate.known
     covariance = estimate.covariance_n2[np.ix_(known, known)]
     if not known.any() or not np.isfinite(covariance).all():

@@ -7,13 +7,13 @@ from ._settings import ContactSettings
 
 
 class ContactState(StrEnum):
-    """What the force of one instant amounts to."""
+    """State of the contact by the force of one instant."""
 
     UNKNOWN = "unknown"
     """There is no valid estimate."""
     NO_CONTACT = "no_contact"
     UNSTABLE = "unstable"
-    """Contact below the window: too little for a lesion, and soon lost."""
+    """Contact below the window: too little for a lesion, and easily lost."""
     EFFECTIVE = "effective"
     """From the window's lower end to the limit."""
     EXCESSIVE = "excessive"
@@ -21,20 +21,20 @@ class ContactState(StrEnum):
 
 
 class ContactClass(StrEnum):
-    """How the contact was over the last seconds."""
+    """Class of the contact over the last seconds."""
 
     UNKNOWN = "unknown"
     """The time was too short, or too much of it had no valid estimate."""
     NONE = "none"
     INTERMITTENT = "intermittent"
-    """Contact was lost and found."""
+    """Contact was lost and made again."""
     VARIABLE = "variable"
     """Always in contact, with a large swing of the force."""
     CONSTANT = "constant"
 
 
 def contact_state(magnitude_n: float, settings: ContactSettings) -> ContactState:
-    """The state that a force is in; unknown for NaN.
+    """Returns the state of the contact for a force; unknown for NaN.
 
     >>> [str(contact_state(force, ContactSettings())) for force in (0.0, 0.05, 0.2, 0.41, float("nan"))]
     ['no_contact', 'unstable', 'effective', 'excessive', 'unknown']
@@ -49,7 +49,7 @@ def contact_state(magnitude_n: float, settings: ContactSettings) -> ContactState
 
 
 def contact_class(magnitudes_n: Sequence[float], settings: ContactSettings) -> ContactClass:
-    """The class of a stretch of frames; NaN where there is no valid estimate.
+    """Returns the class of a stretch of frames; NaN where there is no valid estimate.
 
     >>> [str(contact_class(forces, ContactSettings())) for forces in ([0.0, 0.0], [0.0, 0.2], [0.1, 0.35], [0.2, 0.21])]
     ['none', 'intermittent', 'variable', 'constant']

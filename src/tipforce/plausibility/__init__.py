@@ -1,4 +1,4 @@
-"""Plausibility of force readings: one check for whole logs and for a live stream."""
+"""Plausibility of force readings: one check for complete logs and for a live stream."""
 
 from ._check import check_force_log
 from ._drift import find_drift

@@ -1,4 +1,4 @@
-"""The check of a force log: which readings are clipped, dead, spikes, refused by the sensor itself, or missing."""
+"""Checks a force log for clipped, dead, spiking and missing readings, and for readings that the sensor refused."""
 
 import math
 
@@ -10,30 +10,30 @@ from ._findings import MAX_GAP_S, FindingKind, ForceFinding, ForcePlausibility, 
 from ._noise import AxisNoise, axis_noise, run_lengths
 
 _MIN_READINGS = 100
-"""Fewer readings show neither noise nor a plateau."""
+"""Fewest readings in which noise and plateaus can be found."""
 _MIN_CLIPPED = 10
-_CLIPPED_RATIO = 4.0
-"""A clipped axis has so many times more readings at its extreme value than just below."""
-_MOVING_STEPS, _MOVING_NOISES, _MOVING_SHARE = 4.0, 10.0, 0.2
-"""Where the noise is too small to be seen, a plateau is clipping only if another axis moves in it by so many steps, so
-many standard deviations of its noise, and this share of its range."""
-_SPIKE_NOISES, _SPIKE_SHARE, _SLOW_SPIKE_SHARE = 30.0, 0.2, 1.0
-"""Least height of a spike of one or two readings: in standard deviations of the noise, and as a share of the range of
-the axis (0.5 % to 99.5 %). Pulses of a moving stage reach 20 and 0.13 in clean simulated sessions at 1 kHz, and last as
-long as one reading of a slow log, to which the larger share applies."""
-_SLOW_S = 2.5e-3
-"""Readings farther apart make a slow log."""
-_RETURN_SHARE = 0.25
-"""A spike ends nearer to where it began than this share of its height."""
-_OUTLIER_RANGES = 5.0
-"""A reading farther than so many ranges from the range of the axis is a spike, however long it lasts."""
-_MAX_SPIKES = 0.01
-"""What more than this share of the readings does is no spike."""
+MIN_CLIPPED_RATIO = 4.0
+"""A clipped axis has at least this ratio of readings at its extreme value to readings just below."""
+MIN_MOVING_STEPS, MIN_MOVING_NOISES, MIN_MOVING_SHARE = 4.0, 10.0, 0.2
+"""Where the noise is too small to be measured, a plateau is clipping only if another axis moves in it by more than this
+number of steps, this number of standard deviations of its noise, and this share of its range."""
+MIN_SPIKE_NOISES, MIN_SPIKE_SHARE, MIN_SLOW_SPIKE_SHARE = 30.0, 0.2, 1.0
+"""Smallest height of a spike of one or two readings: in standard deviations of the noise, and as a share of the range
+of the axis (0.5 % to 99.5 %). In clean simulated sessions at 1 kHz the motion of the stage gives up to 20 and 0.13. In
+a slow log it lasts as long as one reading, and the larger share applies."""
+MAX_FAST_PERIOD_S = 2.5e-3
+"""Longest time between the readings of a fast log."""
+MAX_RETURN_SHARE = 0.25
+"""The readings before and after a spike differ by at most this share of its height."""
+MIN_OUTLIER_RANGES = 5.0
+"""A reading farther than this number of ranges from the range of the axis is a spike of any duration."""
+MAX_SPIKE_SHARE = 0.01
+"""Largest share of spikes among the readings; a more frequent pattern is no spike."""
 _MIN_DEAD_VALUES = 10
-"""An axis that never changes is dead where another one takes at least so many values."""
+"""An axis that never changes is dead where another one takes at least this number of values."""
 _NO_STATUS = 'if the column holds no error status, state sensor.log.status = "" in bench.toml'
-_MISSING_STEPS = 2.5
-"""A step in time of so many usual ones is a gap."""
+MIN_GAP_STEPS = 2.5
+"""A step in time that is longer than this number of usual ones is a gap."""
 
 
 def check_force_log(
@@ -43,7 +43,7 @@ def check_force_log(
     status: IntArray | None = None,
     range_n: tuple[float, float, float] | None = None,
 ) -> ForcePlausibility:
-    """Find the readings of a force log, or of a stretch of a live stream, that may not be used.
+    """Finds the readings of a force log, or of a stretch of a live stream, that must not be used.
 
     Args:
         stamps_ns: (n,) stamps of the readings, rising.
@@ -52,8 +52,8 @@ def check_force_log(
         range_n: (3,) largest reading of each axis by the sensor's data sheet, N.
 
     Returns:
-        Findings, the readings that are not used, and the number of gaps. Steps of the zero are found by
-        `find_zero_steps`, for which the mass that the sensor carries must be taken out first.
+        Findings, the readings that are not used, and the number of gaps. `find_zero_steps` finds the steps of the zero,
+        after the inertia of the mass on the sensor was subtracted.
     """
     if not len(stamps_ns):
         return ForcePlausibility()
@@ -86,12 +86,12 @@ def check_force_log(
         known = force_n[sound]
         noises = {axis: axis_noise(known[:, axis]) for axis in axes}
         dead = _dead(known, axes)
-        share = _SLOW_SPIKE_SHARE if np.median(np.diff(seconds)) > _SLOW_S else _SPIKE_SHARE
+        share = MIN_SLOW_SPIKE_SHARE if np.median(np.diff(seconds)) > MAX_FAST_PERIOD_S else MIN_SPIKE_SHARE
         living = [axis for axis in axes if axis not in dead]
         for axis in living:
             letter, values, noise = "xyz"[axis], known[:, axis], noises[axis]
             spikes, height = _spikes(values, noise, share)
-            add("spike", _rows(sound[spikes], bad), letter, height, f"f{letter} leaves its course by {height:.3g} N")
+            add("spike", _rows(sound[spikes], bad), letter, height, f"f{letter} deviates by {height:.3g} N")
             others = {other: known[:, other] for other in living if other != axis}
             plateau, level = _clipped(values, noise, others, noises, spikes, range_n[axis] if range_n else math.inf)
             said = f"f{letter} stays at {level:.4g} N, the end of its range"
@@ -118,14 +118,14 @@ def _rows(at: npt.NDArray[np.intp], like: BoolArray) -> BoolArray:
 
 
 def _dead(known: FloatArray, axes: list[int]) -> list[int]:
-    """Axes that never change while another one does."""
+    """Returns the axes that never change while another one does."""
     constant = [axis for axis in axes if np.ptp(known[:, axis]) == 0.0]
     moving = any(len(np.unique(known[:, axis])) >= _MIN_DEAD_VALUES for axis in axes if axis not in constant)
     return constant if moving else []
 
 
 def _spikes(values: FloatArray, noise: AxisNoise, share: float) -> tuple[BoolArray, float]:
-    """(n,) readings that leave the course of their neighbours for one or two rows, and the largest height, N."""
+    """Returns whether each reading (n,) is a spike of one or two rows, or an outlier, and the largest height, N."""
     low, high = np.percentile(values, (0.5, 99.5))
     height = np.zeros(len(values))
     for width in (1, 2):
@@ -134,15 +134,15 @@ def _spikes(values: FloatArray, noise: AxisNoise, share: float) -> tuple[BoolArr
         up, down = inside - before, inside - after
         same = (np.sign(up) == np.sign(down)).all(axis=0)
         away = np.minimum(np.abs(up), np.abs(down)).min(axis=0)
-        away[~same | (np.abs(after - before) > _RETURN_SHARE * away)] = 0.0
+        away[~same | (np.abs(after - before) > MAX_RETURN_SHARE * away)] = 0.0
         for k in range(width):
             part = height[1 + k : len(values) - width + k]
             np.maximum(part, away, out=part)
-    least = max(_SPIKE_NOISES * noise.std_n, share * float(high - low))
+    least = max(MIN_SPIKE_NOISES * noise.std_n, share * float(high - low))
     beyond = np.maximum(values - high, low - values)
-    far = beyond > _OUTLIER_RANGES * float(high - low) + _SPIKE_NOISES * noise.std_n
+    far = beyond > MIN_OUTLIER_RANGES * float(high - low) + MIN_SPIKE_NOISES * noise.std_n
     found = (height > least) | far
-    if not found.any() or found.mean() > _MAX_SPIKES:
+    if not found.any() or found.mean() > MAX_SPIKE_SHARE:
         return np.zeros(len(values), np.bool_), 0.0
     return found, float(np.where(far, beyond, height)[found].max())
 
@@ -155,7 +155,7 @@ def _clipped(
     spikes: BoolArray,
     range_n: float,
 ) -> tuple[BoolArray, float]:
-    """(n,) readings on a plateau at an end of the axis's range, and its level, N."""
+    """Returns whether each reading (n,) is on a plateau at an end of the range of the axis, and its level, N."""
     at_limit = np.abs(values) >= 0.999 * range_n
     if at_limit.any():
         return at_limit, range_n
@@ -167,7 +167,7 @@ def _clipped(
         plateau = (signed > top - width) & ~spikes
         below = (signed <= top - width) & (signed > top - 3.0 * width)
         count = int(plateau.sum())
-        if count < max(_MIN_CLIPPED, _CLIPPED_RATIO * int(below.sum())):
+        if count < max(_MIN_CLIPPED, MIN_CLIPPED_RATIO * int(below.sum())):
             continue
         if noise.longest_run or _others_move(plateau, others, noises):
             found |= plateau
@@ -178,8 +178,8 @@ def _clipped(
 def _others_move(plateau: BoolArray, others: dict[int, FloatArray], noises: dict[int, AxisNoise]) -> bool:
     """Whether the sensor is under a changing force on a plateau of an axis without visible noise.
 
-    A sensor with coarse steps repeats its value at rest; then all axes rest. Of a single axis, the plateau on which the
-    log begins is rest.
+    At rest a sensor with coarse steps repeats its value; then all axes are at rest. With a single axis, a plateau at
+    the beginning of the log counts as rest.
     """
     if not others:
         return not plateau[0]
@@ -188,13 +188,13 @@ def _others_move(plateau: BoolArray, others: dict[int, FloatArray], noises: dict
         for axis, other in others.items()
     ]
     return any(
-        span > max(_MOVING_STEPS * noise.step_n, _MOVING_NOISES * noise.std_n, _MOVING_SHARE * whole)
+        span > max(MIN_MOVING_STEPS * noise.step_n, MIN_MOVING_NOISES * noise.std_n, MIN_MOVING_SHARE * whole)
         for span, whole, noise in moved
     )
 
 
 def _stuck(values: FloatArray, noise: AxisNoise) -> BoolArray:
-    """(n,) readings in runs of one value that are too long for the noise of the axis."""
+    """Returns whether each reading (n,) is in a run of one value that is too long for the noise of the axis."""
     if not noise.longest_run:
         return np.zeros(len(values), np.bool_)
     _, lengths = run_lengths(values)
@@ -202,20 +202,20 @@ def _stuck(values: FloatArray, noise: AxisNoise) -> BoolArray:
 
 
 def _gaps(seconds: FloatArray, bad: BoolArray, missing: BoolArray, findings: list[ForceFinding]) -> tuple[int, float]:
-    """Number of gaps that labels bridge, and the longest of them, s; adds the others to ``findings``."""
+    """Returns the number of gaps that labels bridge, and the longest of them, s; adds the others to ``findings``."""
     usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
     if usual > MAX_GAP_S or len(seconds) < 2:
         return 0, 0.0
-    at = np.concatenate([[-1], np.flatnonzero(~bad), [len(bad)]])  # the log's ends are no readings
+    at = np.concatenate([[-1], np.flatnonzero(~bad), [len(bad)]])  # with the rows before and after the log
     times = np.concatenate([[seconds[0] - usual], seconds[~bad], [seconds[-1] + usual]])
     steps = np.diff(times)
     long = steps > MAX_GAP_S
     for place in np.flatnonzero(long).tolist():
         rows = slice(int(at[place]) + 1, int(at[place + 1]))
         own = int(missing[rows].sum())
-        if own < int(bad[rows].sum()):  # another finding says why
+        if own < int(bad[rows].sum()):  # another finding gives the reason
             continue
         first, last = max(float(times[place]), 0.0), min(float(times[place + 1]), float(seconds[-1]))
         findings.append(ForceFinding("gap", first, last, readings=own, detail="images in it get no force"))
-    short = steps[(steps > _MISSING_STEPS * usual) & ~long]
+    short = steps[(steps > MIN_GAP_STEPS * usual) & ~long]
     return len(short), float(short.max(initial=0.0))

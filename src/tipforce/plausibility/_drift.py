@@ -1,4 +1,4 @@
-"""Drift of a sensor's zero: the contact-free level moves through the session."""
+"""Finds the drift of a sensor's zero: the contact-free level changes slowly in the session."""
 
 import math
 
@@ -7,30 +7,30 @@ import numpy as np
 from ..types import FloatArray
 from ._zero_steps import resting
 
-_WINDOW_S = 5.0
+WINDOW_S = 5.0
 _MIN_REST_S = 0.3
-"""Least time at rest in a window that gives a level."""
-_REST_S, _NEAR_N = 0.15, 0.015
-"""Least length of a contact-free moment, and largest distance from the level in it."""
+"""Shortest total rest in a window from which a level is measured."""
+MIN_STRETCH_S, MAX_LEVEL_DISTANCE_N = 0.15, 0.015
+"""Shortest contact-free stretch, and largest distance of its readings from the level."""
 _MIN_WINDOWS, _MIN_SPAN = 4, 0.5
-"""Least number of levels, and least share of the log that they span."""
+"""Fewest levels, and smallest share of the log that they span."""
 _MIN_DRIFT_N_PER_S, _MIN_TOTAL_N = 0.04 / 60.0, 0.025
-"""Slower drift, or less in the whole log, is not named. A sensor drifts by some 2 mN a minute; in 35 clean simulated
+"""Slower drift, or less in the whole log, is not reported. A sensor drifts by some 2 mN a minute. In 35 clean simulated
 sessions at most 35 mN a minute are found, in one in which the tip never leaves the wall."""
-_MAX_RESIDUE_N = 0.01
+MAX_RESIDUAL_N = 0.01
 
 
 def find_drift(seconds: FloatArray, force_n: FloatArray, start_s: float, end_s: float) -> FloatArray:
-    """Drift of the contact-free level.
+    """Measures the drift of the contact-free level.
 
     Args:
         seconds: (n,) times of the readings.
-        force_n: (n, 3) N without tare and carried mass, finite but for axes that the sensor lacks (NaN).
+        force_n: (n, 3) forces without tare and inertia, N; finite but for axes that the sensor lacks (NaN).
         start_s: start of the stretch of the tare.
         end_s: its end.
 
     Returns:
-        (3,) N/s; zeros where there is none, or where contact-free moments do not measure it.
+        (3,) drift, N/s; zeros where there is none, or where too few contact-free stretches measure it.
     """
     drift = np.zeros(3)
     axes = np.flatnonzero(~np.isnan(force_n).any(axis=0))
@@ -41,17 +41,17 @@ def find_drift(seconds: FloatArray, force_n: FloatArray, start_s: float, end_s: 
     middle = 0.5 * (start_s + end_s)
     levels: list[tuple[float, FloatArray]] = [(middle, np.median(values[tare], axis=0))]
     for edges in (
-        np.arange(end_s, seconds[-1], _WINDOW_S),
-        np.arange(start_s - _WINDOW_S, seconds[0] - _WINDOW_S, -_WINDOW_S),
+        np.arange(end_s, seconds[-1], WINDOW_S),
+        np.arange(start_s - WINDOW_S, seconds[0] - WINDOW_S, -WINDOW_S),
     ):
         level, at_s, slope = levels[0][1], middle, np.zeros(len(axes))
         for edge in edges.tolist():
-            rows = slice(*np.searchsorted(seconds, (edge, edge + _WINDOW_S)).tolist())
+            rows = slice(*np.searchsorted(seconds, (edge, edge + WINDOW_S)).tolist())
             if rows.stop - rows.start < 10:
                 continue
-            now_s = edge + 0.5 * _WINDOW_S
+            now_s = edge + 0.5 * WINDOW_S
             expected = level + slope * (now_s - at_s)
-            near = resting(seconds[rows], values[rows] - expected, _REST_S, _NEAR_N)
+            near = resting(seconds[rows], values[rows] - expected, MIN_STRETCH_S, MAX_LEVEL_DISTANCE_N)
             if near.sum() * float(np.median(np.diff(seconds[rows]))) < _MIN_REST_S:
                 continue
             found = np.median(values[rows][near], axis=0)
@@ -67,7 +67,7 @@ def find_drift(seconds: FloatArray, force_n: FloatArray, start_s: float, end_s: 
     solved = np.linalg.lstsq(columns, found, rcond=None)[0]
     residue = float(np.sqrt(np.mean(np.sum((found - columns @ solved) ** 2, axis=1))))
     speed = float(np.linalg.norm(solved[1]))
-    if residue > _MAX_RESIDUE_N or speed < _MIN_DRIFT_N_PER_S or speed * span < _MIN_TOTAL_N or math.isnan(speed):
+    if residue > MAX_RESIDUAL_N or speed < _MIN_DRIFT_N_PER_S or speed * span < _MIN_TOTAL_N or math.isnan(speed):
         return drift
     drift[axes] = solved[1]
     return drift

@@ -1,4 +1,4 @@
-"""Findings of the plausibility check, and the readings that may not be used."""
+"""Findings of the plausibility check, and the readings that must not be used."""
 
 import json
 import math
@@ -12,15 +12,15 @@ from .._system.json_files import parse_json
 from ..types import BoolArray, FloatArray, IntArray
 
 MAX_GAP_S = 0.05
-"""Readings farther apart give no force to the images between them. Over 50 ms a straight line is off by less than 5 mN
-on the beats of the simulated bench (0.3 N, 90 beats a minute)."""
+"""Readings farther apart give no force to the images between them. Over 50 ms a straight line deviates by less than
+5 mN from the beats of the simulated bench (0.3 N, 90 beats a minute)."""
 
-_JOINED_S = 0.1
-"""Unusable readings of one kind that are nearer than this are one finding."""
-_NAMED_STEP_N = 5e-3
-"""A step of an axis that is smaller is not named."""
-_SHOWN = 4
-"""Stretches that a line for people names."""
+MAX_JOINED_GAP_S = 0.1
+"""Unusable readings of one kind that are nearer to each other than this are one finding."""
+MIN_REPORTED_STEP_N = 5e-3
+"""A smaller step of an axis is not reported."""
+MAX_SHOWN_STRETCHES = 4
+"""Largest number of stretches that a line for people lists."""
 
 FindingKind = Literal[
     "error status",
@@ -39,9 +39,14 @@ FINDING_KINDS: tuple[FindingKind, ...] = get_args(FindingKind)
 class ForceFinding:
     """One implausible stretch of a force log.
 
-    ``start_s``, ``end_s``: seconds since the log's first row. ``axes``: letters of the sensor's axes, as in "xy".
-    ``size_n``: the quantity that was found, in N: the level of clipping, the height of a spike, the step of the zero;
-    NaN where none applies. ``readings``: how many are not used. ``detail``: one sentence, or empty.
+    Attributes:
+        kind: kind of the finding.
+        start_s: start, s since the first row of the log.
+        end_s: end, s since the first row of the log.
+        axes: letters of the axes of the sensor, as in "xy".
+        size_n: level of clipping, height of a spike, or step of the zero, N; NaN where none applies.
+        readings: number of readings that are not used.
+        detail: one sentence, or empty.
     """
 
     kind: FindingKind
@@ -58,11 +63,11 @@ class ForceFinding:
 
         Args:
             at_s: time of the step since the log's first row, s.
-            step_n: (3,) N.
-            readings: how many are not used because of it.
+            step_n: (3,) step, N.
+            readings: number of readings that are not used because of it.
             then: the rest of the sentence.
         """
-        axes = [axis for axis in range(3) if abs(step_n[axis]) > _NAMED_STEP_N]
+        axes = [axis for axis in range(3) if abs(step_n[axis]) > MIN_REPORTED_STEP_N]
         size = ", ".join(f"f{'xyz'[axis]} {step_n[axis]:+.3f}" for axis in axes)
         return cls(
             kind="step of the zero",
@@ -75,7 +80,7 @@ class ForceFinding:
         )
 
     def values(self) -> dict[str, Any]:
-        """As JSON values; an unknown size is None."""
+        """Returns the finding as JSON values; an unknown size is None."""
         return {
             "kind": self.kind,
             "start_s": round(self.start_s, 6),
@@ -88,7 +93,7 @@ class ForceFinding:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> "ForceFinding":
-        """The inverse of `values`. Raises ValueError or TypeError."""
+        """Inverts `values`. Raises ValueError or TypeError."""
         kind: FindingKind | None = next((kind for kind in FINDING_KINDS if kind == values.get("kind")), None)
         if kind is None:
             raise ValueError(f"{values.get('kind')!r} is no kind of finding")
@@ -110,13 +115,18 @@ def _no_stretches() -> IntArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForcePlausibility:
-    """Findings of a force log, and which of its readings may be used.
+    """Findings of a force log, and its readings that may be used.
 
-    ``unusable_ns`` (k, 2): first and last stamp of each run of readings that are not used. ``dead_axes``: letters of
-    axes that never measure. ``zero_steps``: stamp of the first reading behind a step of the sensor's zero -> the step
-    (3,) in N, subtracted from all readings from there on. ``drift_n_per_s``: drift of the zero, 0 at
-    ``drift_zero_ns``, subtracted likewise. ``bridged``: gaps of at most `MAX_GAP_S`, across which labels
-    are interpolated; ``longest_bridged_s``: the longest of them.
+    Attributes:
+        findings: the findings in the order of time.
+        unusable_ns: (k, 2) first and last stamp of each run of readings that are not used.
+        dead_axes: letters of axes that never measure.
+        zero_steps: stamp of the first reading after a step of the zero -> the step (3,) in N, which is subtracted from
+            all readings from there on.
+        drift_n_per_s: drift of the zero, which is subtracted from all readings; it is 0 at ``drift_zero_ns``.
+        drift_zero_ns: see ``drift_n_per_s``.
+        bridged: number of gaps of at most `MAX_GAP_S`, across which labels are interpolated.
+        longest_bridged_s: the longest of these gaps, s.
     """
 
     findings: tuple[ForceFinding, ...] = ()
@@ -129,7 +139,7 @@ class ForcePlausibility:
     longest_bridged_s: float = 0.0
 
     def usable(self, stamps_ns: IntArray) -> BoolArray:
-        """(n,) stamps of readings -> (n,) whether each may be used.
+        """Returns whether each reading (n,) may be used, by the stamps (n,).
 
         >>> ForcePlausibility(unusable_ns=np.array([[20, 30]])).usable(np.array([10, 20, 25, 31])).tolist()
         [True, False, False, True]
@@ -151,7 +161,7 @@ class ForcePlausibility:
         return replace(self, unusable_ns=np.stack([stamps_ns[edges[::2]], stamps_ns[edges[1::2] - 1]], axis=1))
 
     def corrected(self, stamps_ns: IntArray, force_n: FloatArray) -> FloatArray:
-        """Readings as they may be used.
+        """Returns the readings in usable form.
 
         Args:
             stamps_ns: (n,) stamps on the log's clock.
@@ -170,7 +180,7 @@ class ForcePlausibility:
         return made
 
     def lines(self) -> list[str]:
-        """For people: one line for each kind of finding, with its stretches of time."""
+        """Returns one line for people for each kind of finding, with its stretches of time."""
         by_kind = {kind: [each for each in self.findings if each.kind == kind] for kind in FINDING_KINDS}
         said = [_line(kind, found) for kind, found in by_kind.items() if found]
         if self.bridged:
@@ -181,7 +191,7 @@ class ForcePlausibility:
         return said
 
     def record(self) -> dict[str, str]:
-        """As a metadata record of a recording."""
+        """Returns the findings as a metadata record of a recording."""
         return {
             "findings": json.dumps([finding.values() for finding in self.findings]),
             "unusable_ns": json.dumps(self.unusable_ns.tolist()),
@@ -197,7 +207,7 @@ class ForcePlausibility:
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "ForcePlausibility":
-        """The inverse of `record`; no finding where there is none. Raises ValueError, TypeError or FileFormatError."""
+        """Inverts `record`; no finding without a record. Raises ValueError, TypeError or FileFormatError."""
         steps = parse_json(record.get("zero_steps", "[]"), "zero_steps")
         findings = parse_json(record.get("findings", "[]"), "findings")
         x, y, z = parse_json(record.get("drift_n_per_s", "[0, 0, 0]"), "drift_n_per_s")
@@ -218,10 +228,10 @@ class ForcePlausibility:
 
 def _line(kind: str, findings: list[ForceFinding]) -> str:
     readings = sum(finding.readings for finding in findings)
-    where = ", ".join(_stretch(finding) for finding in findings[:_SHOWN])
-    more = f" and {len(findings) - _SHOWN} more stretches" if len(findings) > _SHOWN else ""
+    where = ", ".join(_stretch(finding) for finding in findings[:MAX_SHOWN_STRETCHES])
+    more = f" and {len(findings) - MAX_SHOWN_STRETCHES} more stretches" if len(findings) > MAX_SHOWN_STRETCHES else ""
     details = list(dict.fromkeys(finding.detail for finding in findings if finding.detail))
-    said = "".join(f"; {detail}" for detail in details[:_SHOWN])
+    said = "".join(f"; {detail}" for detail in details[:MAX_SHOWN_STRETCHES])
     unused = f": {readings} readings not used" if readings else ""
     if kind == "gap":
         unused = f": {len(findings)} of more than {1e3 * MAX_GAP_S:g} ms"
@@ -238,12 +248,12 @@ def stretches(rows: BoolArray, seconds: FloatArray) -> list[tuple[int, int]]:
     """Returns (first, last) row of each stretch in which ``rows`` are set; stretches less than 0.1 s apart are one.
 
     Args:
-        rows: (n,) whether each row counts.
+        rows: (n,) the selected rows.
         seconds: (n,) times of the rows, s.
     """
     at = np.flatnonzero(rows)
     if not len(at):
         return []
-    cuts = np.flatnonzero(np.diff(seconds[at]) > _JOINED_S)
+    cuts = np.flatnonzero(np.diff(seconds[at]) > MAX_JOINED_GAP_S)
     first, last = at[np.concatenate([[0], cuts + 1])], at[np.concatenate([cuts, [len(at) - 1]])]
     return list(zip(first.tolist(), last.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""The check of a force log on the last seconds of a live stream."""
+"""Checks the last seconds of a live stream of forces."""
 
 import threading
 from collections import deque
@@ -12,16 +12,16 @@ from ._check import check_force_log
 from ._findings import ForceFinding, ForcePlausibility
 from ._zero_steps import find_zero_steps
 
-_WINDOW_NS, _EVERY_NS = 10_000_000_000, 1_000_000_000
+WINDOW_NS, CHECK_PERIOD_NS = 10_000_000_000, 1_000_000_000
 """The check runs at most once a second, on the readings of the last ten seconds."""
 _MAX_READINGS = 20_000
 """Largest number of readings in the window, which is shorter for faster sensors."""
 
 
 class ForceMonitor:
-    """Checks the readings of one force sensor while they come, as `check_force_log` checks them afterwards.
+    """Checks the readings of one force sensor as they come; `check_force_log` checks a complete log in the same way.
 
-    One thread may add readings while another one asks for findings, which are computed then.
+    One thread may add readings while another one requests the findings, which are then computed.
 
     Args:
         range_n: (3,) largest reading of each axis by the sensor's data sheet, N.
@@ -37,20 +37,20 @@ class ForceMonitor:
         self._steps: dict[int, ForceFinding] = {}
 
     def add(self, stamp_ns: int, force_n: FloatArray) -> None:
-        """Takes the next reading: its stamp and (3,) N."""
+        """Adds the next reading: its stamp and (3,) N."""
         with self._lock:
             if self._first_ns is None:
                 self._first_ns = stamp_ns
             self._readings.append((stamp_ns, force_n))
-            while stamp_ns - self._readings[0][0] > _WINDOW_NS:
+            while stamp_ns - self._readings[0][0] > WINDOW_NS:
                 self._readings.popleft()
 
     @property
     def findings(self) -> tuple[ForceFinding, ...]:
-        """What was found in the last ten seconds, and all steps of the zero; seconds since the first reading."""
+        """Findings of the last ten seconds, and all steps of the zero; seconds since the first reading."""
         with self._lock:
             readings = list(self._readings)
-        if readings and (self._checked_ns is None or readings[-1][0] - self._checked_ns >= _EVERY_NS):
+        if readings and (self._checked_ns is None or readings[-1][0] - self._checked_ns >= CHECK_PERIOD_NS):
             self._checked_ns = readings[-1][0]
             self._check(readings)
         return (*self._now.findings, *self._steps.values())
@@ -75,5 +75,5 @@ class ForceMonitor:
         rows = np.flatnonzero(found.usable(stamps) & np.isfinite(force[:, axes]).all(axis=1))
         for step in find_zero_steps(stamps[rows], force[rows]):
             at_ns = int(stamps[rows[step.row]])
-            if all(abs(at_ns - other) > _EVERY_NS for other in self._steps):
+            if all(abs(at_ns - other) > CHECK_PERIOD_NS for other in self._steps):
                 self._steps[at_ns] = ForceFinding.of_step((at_ns - first_ns) * 1e-9, step.step_n)

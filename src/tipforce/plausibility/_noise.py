@@ -1,4 +1,4 @@
-"""Noise and resolution of a force sensor, from its own readings."""
+"""Measures noise and resolution of a force sensor from its own readings."""
 
 import math
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ import numpy as np
 
 from ..types import FloatArray, IntArray
 
-_WINDOW = 51
-"""Readings of a window in which noise is measured."""
+WINDOW_READINGS = 51
+"""Number of readings in a window for the measurement of noise."""
 _MIN_WINDOWS = 20
 _MAX_EQUAL_SHARE = 0.9
-"""Noise that leaves more than this share of still readings equal does not show whether an axis is alive."""
-_CHANCE = 1e-6
+"""Noise that leaves more than this share of readings at rest equal does not show whether an axis is alive."""
+MAX_FALSE_ALARM_PROBABILITY = 1e-6
 """Probability, for a whole log, that noise gives a run of equal readings as long as `AxisNoise.longest_run`."""
 
 
@@ -20,8 +20,10 @@ _CHANCE = 1e-6
 class AxisNoise:
     """Noise of one axis.
 
-    ``std_n``: standard deviation, N, at least that of the quantisation. ``step_n``: quantisation step, N.
-    ``longest_run``: a run of equal readings that is longer is not noise; 0 where the noise is too small to say.
+    Attributes:
+        std_n: standard deviation, N, at least that of the quantisation.
+        step_n: quantisation step, N.
+        longest_run: longest run of equal readings that noise explains; 0 where the noise is too small to determine it.
     """
 
     std_n: float
@@ -30,12 +32,12 @@ class AxisNoise:
 
 
 def axis_noise(values: FloatArray) -> AxisNoise:
-    """Noise of the readings (n,) of one axis, all of them finite."""
+    """Measures the noise of the readings (n,) of one axis, all of them finite."""
     changes = np.abs(np.diff(values))
     changes = changes[changes > 0.0]
-    # most changes are whole steps; a few smaller ones come from readings that were computed
+    # most changes are whole steps; some smaller ones come from readings that were computed
     step = float(np.percentile(changes, 10.0)) if len(changes) else 0.0
-    # third differences of neighbouring readings hold next to no force, and 20 times the variance of the noise
+    # third differences of neighbouring readings contain almost no force, and 20 times the variance of the noise
     moving = np.lib.stride_tricks.sliding_window_view(np.diff(values), 3).any(axis=1)  # a stuck axis shows no noise
     rough = np.abs(np.diff(values, 3))[moving]
     std = max(1.4826 * float(np.median(rough)) / math.sqrt(20.0) if len(rough) else 0.0, step / math.sqrt(12.0))
@@ -43,23 +45,23 @@ def axis_noise(values: FloatArray) -> AxisNoise:
 
 
 def _longest_run(values: FloatArray, step_n: float) -> int:
-    """From the quieter half of the windows that are not constant; a level in the middle of a step is the worst case."""
-    count = len(values) // _WINDOW
-    windows = values[: count * _WINDOW].reshape(count, _WINDOW)
+    """Returns the longest run by the quieter half of the changing windows; a level between steps is the worst case."""
+    count = len(values) // WINDOW_READINGS
+    windows = values[: count * WINDOW_READINGS].reshape(count, WINDOW_READINGS)
     span = np.ptp(windows, axis=1)
     windows, span = windows[span > 0.0], span[span > 0.0]
     if len(windows) < _MIN_WINDOWS:
         return 0
     quiet = windows[span <= np.median(span)]
-    # twice the variance of the quantisation is taken out: that of a slow movement is no white noise
+    # twice the variance of the quantisation is subtracted: for a slow motion its error is no white noise
     variance = float(np.mean(np.diff(quiet, 3, axis=1) ** 2)) / 20.0 - step_n**2 / 6.0
     equal = math.erf(0.5 * step_n / math.sqrt(2.0 * variance)) if variance > 0.0 else 1.0
     if equal > _MAX_EQUAL_SHARE:
         return 0
-    return math.ceil(math.log(_CHANCE / len(values)) / math.log(max(equal, 0.05)))
+    return math.ceil(math.log(MAX_FALSE_ALARM_PROBABILITY / len(values)) / math.log(max(equal, 0.05)))
 
 
 def run_lengths(values: FloatArray) -> tuple[IntArray, IntArray]:
-    """First rows (m,) and lengths (m,) of the runs of equal readings in ``values`` (n,)."""
+    """Returns first rows (m,) and lengths (m,) of the runs of equal readings in ``values`` (n,)."""
     first = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1]).astype(np.int64)
     return first, np.diff(np.append(first, len(values)))

@@ -72,7 +72,7 @@ def _noise_values() -> Floats:
 
 
 class _Target(Protocol):
-    """What of a task augmentation depends on: see `CompactTask`."""
+    """The part of a task on which augmentation depends: see `CompactTask`."""
 
     @property
     def size(self) -> int: ...
@@ -108,15 +108,15 @@ class AugmentedImage:
 def augment_image(
     image: Grey, heatmap: Grey | None, force: Floats, metadata: Floats, target: _Target, rng: np.random.Generator
 ) -> AugmentedImage:
-    """Change an image at random, and its labels with it.
+    """Changes an image at random, and its labels with it.
 
     Args:
-        image: (h, h), larger than what is returned. In its central part of the returned size the base of the catheter
+        image: (h, h), larger than the result. In its central part of the size of the result the base of the catheter
             is at the middle of the left border.
         heatmap: (h / 4, h / 4) or None.
         force: (t,) force components; changed in place.
         metadata: (k,) metadata features; changed in place.
-        target: size of the returned image, and what may be mirrored.
+        target: size of the result, and the outputs that a mirror image changes.
         rng: source of the random numbers.
     """
     how, size = target.augmentation or Augmentation(), target.size
@@ -175,7 +175,7 @@ def _large_amount(smallest: float, usual: float, rng: np.random.Generator) -> fl
 
 
 def _change_appearance(grey: Floats, how: Augmentation, rng: np.random.Generator) -> Grey:
-    """Change everything that does not move the catheter; ``grey`` (size, size) is overwritten."""
+    """Changes everything that does not move the catheter; ``grey`` (size, size) is overwritten."""
     if rng.random() < how.tones:
         knots = rng.uniform(0.0, 255.0, int(rng.integers(4, 8)))
         share = np.float32(rng.uniform(0.2, 0.8))

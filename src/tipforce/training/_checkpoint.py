@@ -1,4 +1,4 @@
-"""What a training run writes to disk: a checkpoint after every epoch, and a log of all epochs."""
+"""Files of a training run: a checkpoint after every epoch, and a log of all epochs."""
 
 import hashlib
 import json
@@ -25,7 +25,7 @@ _MAY_CHANGE = {"minutes", "patience", "workers"}
 def run_identity(
     task: Task, samples: TrainingSamples, config: TrainConfig, precision: str, init_from: Weights | None
 ) -> dict[str, str]:
-    """Returns what must be the same where training is resumed from a checkpoint, in readable form."""
+    """Returns the properties that must be the same where training is resumed from a checkpoint, in readable form."""
     may_change = _MAY_CHANGE if config.schedule == "cosine" else _MAY_CHANGE | {"epochs"}
     settings = {**config.model_dump(mode="json"), "precision": precision}
     return {
@@ -44,7 +44,7 @@ def _sha256(weights: Weights) -> str:
 
 
 def write_checkpoint(folder: Path, state: Mapping[str, Any]) -> None:
-    """Write ``state`` (tensors, numbers, text) as `CHECKPOINT_FILE` in ``folder``: the whole file or nothing."""
+    """Writes ``state`` (tensors, numbers, text) as `CHECKPOINT_FILE` in ``folder``, completely or not at all."""
     import torch
 
     part = folder / f"{CHECKPOINT_FILE}.part"
@@ -54,7 +54,7 @@ def write_checkpoint(folder: Path, state: Mapping[str, Any]) -> None:
 
 
 def read_checkpoint(folder: Path, identity: Mapping[str, str]) -> dict[str, Any] | None:
-    """Returns what `write_checkpoint` wrote to ``folder``, None where there is no checkpoint.
+    """Returns the state that `write_checkpoint` wrote to ``folder``, None where there is no checkpoint.
 
     Raises:
         InputError: the checkpoint is damaged, or belongs to another training than ``identity``.
@@ -70,10 +70,11 @@ def read_checkpoint(folder: Path, identity: Mapping[str, str]) -> dict[str, Any]
         found: dict[str, str] = state["identity"]
     except (RuntimeError, EOFError, KeyError, OSError, pickle.UnpicklingError):
         raise InputError(f"{path}: is damaged; remove the folder {folder} and train anew without resume=True") from None
-    for what, expected in identity.items():
-        if found.get(what) != expected:
+    for quantity, expected in identity.items():
+        if found.get(quantity) != expected:
+            difference = _difference(found.get(quantity, ""), expected)
             raise InputError(
-                f"{path}: belongs to another training, {what} differ{_difference(found.get(what, ''), expected)}; "
+                f"{path}: belongs to another training, {quantity} differ{difference}; "
                 f"resume with the same options, or remove the folder {folder} and train anew without resume=True"
             )
     return state
@@ -92,7 +93,7 @@ class TrainingLog:
     """One row of figures an epoch, in memory and in `LOG_FILE`.
 
     Args:
-        folder: where the file is; None: no file.
+        folder: folder of the file; None: no file.
         epochs: number of epochs that are kept where training is resumed. Later lines, of an epoch that was not
             finished, are dropped.
     """
@@ -112,7 +113,7 @@ class TrainingLog:
         part.replace(self._path)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Append the row of one epoch."""
+        """Appends the row of one epoch."""
         self.rows.append(row)
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as stream:

@@ -1,14 +1,15 @@
 """`compact`: a small network for grey images of the window around the catheter.
 
-Where the catheter lies in its window is the measurement, so the last feature grid enters the dense layers as it is, not
-as its mean. Metadata of catheter and bench modulate the dense features (feature-wise linear modulation, FiLM, Perez et
+The position of the catheter in its window is the measurement, so the last feature grid enters the dense layers itself,
+not its mean. Metadata of catheter and bench modulate the dense features (feature-wise linear modulation, FiLM, Perez et
 al. 2018). The force is the sum of two terms, one in the unit of bending (EI / L^2) and one in that of indentation
 (stiffness x L), so that stiffness and length of the catheter enter as in mechanics.
 
-How deep the tip presses into the tissue tells the force only where the tissue's stiffness is known. With classes of
-tissue the network tells the force and its variance for each class, and how likely each is from this image: a mixture
-whose classes are known in training where the sessions state their tissue, and else follow from the mixture itself
-(expectation and maximisation). Who uses the network weighs the classes by what the session has told so far.
+The depth of the indentation determines the force only where the stiffness of the tissue is known. With classes of
+tissue the network estimates the force and its variance for each class, and the probability of each class from this
+image: a mixture. In training its classes are known where the sessions state their tissue; otherwise they follow from
+the mixture itself (expectation and maximisation). The user of the network weights the classes by the earlier images of
+the session.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,8 +50,8 @@ class, logits of the classes (n, c). "force_n" and "log_variance" are then mean 
 TISSUE_N_PER_M = tuple(np.geomspace(36.0, 418.0, 8).tolist())
 """Stiffness of each class of tissue, in newtons per metre of indentation: neighbours differ by 42 %."""
 
-_USUAL_TISSUE_N_PER_M = float(np.sqrt(TISSUE_N_PER_M[0] * TISSUE_N_PER_M[-1]))
-"""The tissue of a network that knows none: near the 120 N/m of `bench-2021`."""
+DEFAULT_TISSUE_N_PER_M = float(np.sqrt(TISSUE_N_PER_M[0] * TISSUE_N_PER_M[-1]))
+"""Tissue of a network without classes: near the 120 N/m of `bench-2021`."""
 
 COMPACT_UNIT_N = 0.1
 """Unit of the network's force, in newtons: in it forces are of order one."""
@@ -65,13 +66,13 @@ _BETA = 0.5
 """Exponent of the variance in the weight of the likelihood (beta-NLL, Seitzer et al. 2022): 0 is the plain likelihood,
 1 the mean squared error."""
 _LOSS_WEIGHTS = {"force": 1.0, "contact": 0.02, "tissue": 0.05, "heatmap": 0.1, "in_distribution": 0.1}
-_HEAVIER_N = 0.2
-"""A force of this size counts twice, of twice this size three times: large forces are rare, and would be drawn to the
-usual ones, which is the dangerous side."""
+DOUBLE_WEIGHT_N = 0.2
+"""A force of this size has weight 2, of twice this size weight 3: large forces are rare, and would be estimated too
+near to the usual ones, which is the dangerous side."""
 
 _BLOCK_PX = 4
-"""Side of the squares of pixels that become the channels of the first layer: no information is lost, and the large
-image, where convolutions take most of the time, is never convolved."""
+"""Side of the squares of pixels that become the channels of the first layer. No information is lost, and the image in
+full size, where convolutions would take most of the time, is never convolved."""
 _HEATMAP_PX = 8
 """Image pixels to one pixel of the heatmap."""
 _CHANNELS = (32, 64, 112, 112)
@@ -91,9 +92,10 @@ class CompactTask:
         outputs: number of force components.
         metadata: number of metadata features.
         size: side of the network's image in pixels.
-        planar: which outputs are fx and fy of the base frame, which mirroring an image changes; None where the forces
+        planar: indices of the outputs fx and fy of the base frame, which mirroring an image changes; None where the
+        forces
             are in another frame.
-        augmentation: of training; None: none.
+        augmentation: augmentation in training; None for none.
         actuation: mean and standard deviation of each actuation value that joins the metadata.
         tissue: whether the force is estimated for each class of tissue, `TISSUE_N_PER_M`. The samples' input "tissue"
             (n, 1) is then the logarithm of the stiffness in N/m, NaN where it is not known.
@@ -120,17 +122,17 @@ class CompactTask:
 
     @property
     def head(self) -> tuple[str, ...]:
-        """The last dense layers and those that take the metadata."""
+        """The last dense layers and those with the metadata as input."""
         return ("output_head.", "film.", "actuation_", "distribution_head.")
 
     @property
     def mirrors(self) -> bool:
-        """Whether training mirrors images: how other actuation than the knob changes in a mirror is not known."""
+        """Whether training mirrors images: the change of other actuation than the knob in a mirror is not known."""
         wanted = self.augmentation is not None and self.augmentation.mirror > 0
         return wanted and self.planar is not None and not self.actuation
 
     def adapted(self, weights: Weights) -> Weights:
-        """See `Task`: a network without classes of tissue becomes one with, which knows its tissue as the usual one."""
+        """See `Task`: adds classes of tissue to a network without; all of them first behave as the usual tissue."""
         head = {name: np.asarray(weights[name]) for name in ("output_head.weight", "output_head.bias")}
         t, classes = self.outputs, len(TISSUE_N_PER_M)
         if not self.tissue or any(len(rows) != _head_rows(t, 1) for rows in head.values()):
@@ -191,7 +193,7 @@ class CompactTask:
         force, log_variance, contact, heatmap, in_distribution, *_ = outputs
         weight = _sample_weight(batch)
         size_n = torch.linalg.vector_norm(batch["force_n"], dim=1)
-        force_weight = weight * (1.0 + size_n / _HEAVIER_N)
+        force_weight = weight * (1.0 + size_n / DOUBLE_WEIGHT_N)
         if self.tissue:
             force, log_variance, logits = outputs[len(COMPACT_OUTPUTS) :]
         else:
@@ -228,16 +230,16 @@ class CompactTask:
 
 
 def _sample_weight(batch: Mapping[str, "Tensor"]) -> "Tensor":
-    """Returns (b,) the weight of each sample in a mean over the in-distribution samples."""
+    """Returns the (b,) weights of the samples in a mean over the in-distribution samples."""
     in_distribution = batch["in_distribution"]
     return in_distribution * (len(in_distribution) / in_distribution.sum().clamp(min=1.0))
 
 
 def tissue_shares(log_stiffness: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-    """Returns (n, c) shares of the classes of tissue: of the two next to the stiffness, which share linearly.
+    """Returns (n, c) shares of the classes of tissue: the two next to the stiffness share linearly.
 
     Args:
-        log_stiffness: (n,) logarithms of stiffnesses in N/m; NaN where it is not known, and then in the shares.
+        log_stiffness: (n,) logarithms of stiffnesses in N/m; NaN where unknown, and then NaN in the shares.
 
     >>> np.rint(100 * tissue_shares(np.log([36.0, 60.0]))[:, :3]).tolist()
     [[100.0, 0.0, 0.0], [0.0, 54.0, 46.0]]
@@ -266,7 +268,7 @@ def build_compact(
     mirror: tuple[tuple[float, ...], tuple[float, ...]] | None = None,
     classes: int = 1,
 ) -> "nn.Module":
-    """Build the network: ``image`` (n, size, size) uint8 and ``metadata`` (n, metadata) to `COMPACT_OUTPUTS`.
+    """Builds the network: ``image`` (n, size, size) uint8 and ``metadata`` (n, metadata) to `COMPACT_OUTPUTS`.
 
     With more than one class they are followed by `TISSUE_OUTPUTS`.
 
@@ -279,7 +281,7 @@ def build_compact(
         mirror: signs of the force components and of the metadata features in a mirrored image. In eval mode the
             network then evaluates the image and its mirror image and returns the mean of both (grid and features: of
             the image as it is).
-        classes: of tissue.
+        classes: number of classes of tissue.
 
     Raises:
         InputError: ``size`` is no multiple of 32.
@@ -333,7 +335,7 @@ def build_compact(
             self.distribution_head = nn.Sequential(nn.Linear(grid, 32), nn.ReLU(), nn.Linear(32, 1))
             self.register_buffer("unit_n", torch.tensor(unit_n))
             if classes > 1:
-                ratio = np.array(TISSUE_N_PER_M, np.float32) / _USUAL_TISSUE_N_PER_M
+                ratio = np.array(TISSUE_N_PER_M, np.float32) / DEFAULT_TISSUE_N_PER_M
                 self.register_buffer("tissue_ratio", torch.from_numpy(ratio)[:, None], persistent=False)
             if actuation:
                 self.register_buffer("actuation_mean", torch.tensor([mean for mean, _ in actuation]))
@@ -395,7 +397,7 @@ def build_compact(
             by_class = output[:, shared:-1].unflatten(1, (classes, -1))
             pressing = by_class[:, :, :outputs]
             if classes > 1:
-                # an indentation takes force in proportion to the stiffness; what each class has beside that is its own
+                # the force of an indentation is proportional to the stiffness; each class adds a term of its own
                 pressing = pressing + output[:, None, outputs:shared] * self.tissue_ratio
             force = (output[:, :outputs] * bending)[:, None] + pressing * indentation[:, None]
             log_variance = by_class[:, :, outputs : 2 * outputs].clamp(*_LOG_VARIANCE_RANGE)

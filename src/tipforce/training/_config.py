@@ -20,7 +20,7 @@ class TrainConfig(BaseModel):
     epochs: Epochs = 100
     """Largest number of epochs."""
     patience: Epochs | None = 30
-    """Early stopping: training ends after so many epochs without a smaller validation error; None: no early stopping.
+    """Early stopping: training ends after this number of epochs without a smaller validation error; None: none.
     The weights of the best epoch are kept in any case."""
     minutes: Annotated[float, Field(gt=0, le=1e6)] | None = None
     """Training ends with the epoch in which this time is up. All runs of a resumed training count together."""
@@ -40,7 +40,7 @@ class TrainConfig(BaseModel):
     plateau_epochs: Epochs = 10
     """Patience of `plateau`."""
     warmup_epochs: WarmupEpochs = 0.0
-    """The learning rate rises linearly over so many epochs first."""
+    """The learning rate rises linearly over this number of epochs first."""
     clip_norm: ClipNorm | None = None
     """Largest norm of the gradient; longer gradients are scaled down."""
     average: Annotated[float, Field(ge=0, lt=1)] = 0.0
@@ -49,11 +49,11 @@ class TrainConfig(BaseModel):
     validation: Annotated[float, Field(gt=0, le=0.5)] = 0.1
     """Share of the data in the validation split, which decides on early stopping and on the best epoch."""
     hold_out: Literal["auto", "session", "sample"] = "auto"
-    """What the validation split consists of: whole `session`s or single `sample`s, drawn at random. `auto`: sessions
-    where the share comes to at least one."""
+    """Content of the validation split: whole `session`s or single `sample`s, drawn at random. `auto`: sessions where
+    the share is at least one session."""
     precision: Literal["auto", "fp32", "bf16"] = "auto"
     """Arithmetic of training. `auto`: bf16 where the hardware supports it, else fp32. Validation is always in fp32."""
     workers: Annotated[int, Field(ge=1, le=1024)] | None = None
-    """Threads that prepare batches; None: one on a CPU, up to eight beside a GPU. The result does not depend on it."""
+    """Threads that prepare batches; None: one on a CPU, up to eight with a GPU. The result does not depend on it."""
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
     """Seed of the validation split, the initial weights, the order of the samples and the augmentation."""

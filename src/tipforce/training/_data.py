@@ -1,4 +1,4 @@
-"""The labelled samples that a network is trained on, and their split into training and validation."""
+"""Labelled samples for a network, and their split into training and validation."""
 
 import hashlib
 from collections.abc import Mapping
@@ -12,21 +12,21 @@ from ..types import IntArray
 from ._config import TrainConfig
 
 HEATMAP_UNKNOWN = 255
-"""Value of every pixel of a heatmap that is not known. A catheter never fills its image, so it cannot be meant."""
+"""Value of every pixel of an unknown heatmap. A catheter never fills its image, so it is unambiguous."""
 
 _FINGERPRINT_IMAGES = 16
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingSamples:
-    """Labelled images with what else the network is given.
+    """Labelled images with the other inputs of the network.
 
     Attributes:
         images: (n, h, w[, 3]) uint8; may be a memory map.
         force_n: (n, t) force components in newtons.
         session: (n,) name of each sample's session.
         inputs: name -> (n, k) further inputs of the network.
-        heatmap: (n, hh, ww) uint8, where the catheter is; `HEATMAP_UNKNOWN` all over where that is not known. None
+        heatmap: (n, hh, ww) uint8, the position of the catheter; `HEATMAP_UNKNOWN` in all pixels where unknown. None
             where no sample has one.
 
     Raises:
@@ -76,11 +76,11 @@ class TrainValSplit:
 
 
 def train_val_split(session: npt.NDArray[np.str_], config: TrainConfig) -> TrainValSplit:
-    """Draw the validation split at random.
+    """Draws the validation split at random.
 
     Args:
         session: (n,) name of each sample's session.
-        config: its ``validation``, ``hold_out`` and ``seed`` say how; ``validation`` 0: all samples train.
+        config: its ``validation``, ``hold_out`` and ``seed`` determine the split; ``validation`` 0: all samples train.
 
     Raises:
         InputError: there are too few sessions or samples.

@@ -12,7 +12,7 @@ from ._config import TrainConfig
 
 
 def require_torch() -> None:
-    """Check that every package for training and export is installed, before any work is done.
+    """Checks that every package for training and export is installed, before any work is done.
 
     Raises:
         MissingExtraError: a package is missing.
@@ -23,7 +23,7 @@ def require_torch() -> None:
 
 
 def import_extra(name: str) -> Any:
-    """Import a package of the extra ``[train]``. Its contents are unknown to the type checker.
+    """Imports a package of the extra ``[train]``. Its contents are unknown to the type checker.
 
     Raises:
         MissingExtraError: the package is not installed.
@@ -36,7 +36,7 @@ def import_extra(name: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """Where and how a network is trained.
+    """Device and precision of a training.
 
     Attributes:
         kind: "cuda" or "cpu".
@@ -52,7 +52,7 @@ class Device:
 
 
 def choose_device(config: TrainConfig) -> Device:
-    """Returns one CUDA device where there is one, else the CPU, with the precision that ``config`` asks for."""
+    """Returns one CUDA device where there is one, else the CPU, with the precision that ``config`` requests."""
     import torch
 
     cuda = torch.cuda.is_available()

@@ -1,4 +1,4 @@
-"""Export of a trained network to an ONNX graph, comparison of both, and the weights in a graph."""
+"""Exports a trained network to an ONNX graph, compares both, and reads the weights in a graph."""
 
 import copy
 import logging
@@ -22,8 +22,8 @@ _CONSTANT = "constant/"
 """Prefix of the initialisers that are no parameters."""
 _FP32 = "/fp32"
 """Suffix of an initialiser's name where it is cast to single precision."""
-_HALF_PRECISION_FROM = 256
-"""Smallest number of elements of a matrix that is stored in half precision; small ones save next to nothing."""
+MIN_HALF_PRECISION_SIZE = 256
+"""Smallest number of elements of a matrix that is stored in half precision; small ones save almost nothing."""
 
 
 def export_graph(
@@ -34,18 +34,18 @@ def export_graph(
     *,
     half_precision: bool = True,
 ) -> bytes:
-    """Export ``network`` in eval mode to an ONNX graph; the network itself stays as it is.
+    """Exports ``network`` in eval mode to an ONNX graph; the network itself is not changed.
 
     Initialisers carry the names of parameters and buffers (`graph_weights`); those that the outputs do not depend on
     are left out. Matrices and kernels are stored in half precision, followed by a Cast that runtimes fold when they
     load the graph: half the bytes, the same speed. A matrix beyond the range of half precision stays in single.
 
     Args:
-        network: what to export.
+        network: the network.
         inputs: names of its arguments -> (shape of one sample, "uint8" or "float32"); a batch dimension ``n`` is added.
         outputs: names of the tensors it returns, in order.
-        metadata: stored with the graph.
-        half_precision: False: everything is stored in single precision.
+        metadata: metadata to store with the graph.
+        half_precision: whether large arrays are stored in half precision; otherwise all are in single.
 
     Returns:
         The bytes of the graph.
@@ -115,7 +115,7 @@ def parity_n(
 
 
 def _replace_mean_pooling(network: "nn.Module") -> "nn.Module":
-    """Replace mean pooling to one pixel by a mean: with channels last torch would export it with a Gather behind."""
+    """Replaces mean pooling to one pixel by a mean: with channels last torch would export it with a Gather after it."""
     torch = import_extra("torch")
 
     class Mean(torch.nn.Module):
@@ -130,7 +130,7 @@ def _replace_mean_pooling(network: "nn.Module") -> "nn.Module":
 
 
 def to_single_precision(model: Any) -> None:
-    """Undo the storage in half precision, in place: every initialiser is fp32 and no Cast follows it."""
+    """Reverts the storage in half precision, in place: every initialiser is fp32 and no Cast follows it."""
     onnx = import_extra("onnx")
     graph = model.graph
     for node in [node for node in graph.node if len(node.output) == 1 and node.output[0].endswith(_FP32)]:
@@ -148,7 +148,7 @@ def _as_list(result: Any) -> "list[Tensor]":
 
 @contextmanager
 def _suppress_warnings() -> Generator[None]:
-    """Suppress the exporter's own deprecation warnings, and the one that torchvision is not installed."""
+    """Suppresses the exporter's own deprecation warnings, and the one that torchvision is not installed."""
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = registration.level
     registration.setLevel(logging.ERROR)
@@ -165,7 +165,7 @@ def _suppress_warnings() -> Generator[None]:
 
 
 def _clean_model(onnx: Any, model: Any, parameters: set[str]) -> Any:
-    """Returns a new model of the same nodes without source locations; names tell constants from parameters."""
+    """Returns a new model of the same nodes without source locations; names distinguish constants from parameters."""
     constants = {each.name for each in model.graph.initializer if each.name not in parameters}
     renamed = {name: f"{_CONSTANT}{number}" for number, name in enumerate(sorted(constants))}
     nodes = [
@@ -202,12 +202,12 @@ def _name_and_type(values: Sequence[Any]) -> list[Any]:
 
 
 def store_in_half_precision(onnx: Any, model: Any) -> None:
-    """Store matrices and kernels in half precision, in place."""
+    """Stores matrices and kernels in half precision, in place."""
     graph = model.graph
     casts: dict[str, Any] = {}
     for each in graph.initializer:
         array = onnx.numpy_helper.to_array(each)
-        if array.dtype != np.float32 or array.ndim < 2 or array.size < _HALF_PRECISION_FROM:
+        if array.dtype != np.float32 or array.ndim < 2 or array.size < MIN_HALF_PRECISION_SIZE:
             continue
         if float(np.max(np.abs(array))) > float(np.finfo(np.float16).max):
             continue

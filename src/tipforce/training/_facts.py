@@ -1,25 +1,25 @@
-"""Facts of a training, which a model folder keeps."""
+"""Facts of a training that a model folder contains."""
 
 from pydantic import BaseModel, ConfigDict
 
 
 class TrainingFacts(BaseModel, frozen=True):
-    """How a network was trained.
+    """Facts of the training of a network.
 
     Attributes:
-        network: the network in a few words.
+        network: the network in some words.
         parameters: number of its weights.
         training_samples: number of samples that trained it.
         validation_samples: number of samples that validated it.
-        validation: how these were chosen.
-        validation_error_n: smallest mean error on them, in newtons; None without any.
+        validation: choice of these samples.
+        validation_error_n: smallest mean error on them, N; None without validation.
         max_epochs: largest number of epochs.
         epochs_run: number of epochs that were run.
-        best_epoch: the epoch whose weights were kept.
-        stop_reason: why training ended.
-        seconds: time that it took.
+        best_epoch: epoch whose weights were kept.
+        stop_reason: the reason for the end of training.
+        seconds: duration, s.
         device: processor or graphics card.
-        precision: of the arithmetic.
+        precision: precision of the arithmetic.
         torch: version of torch.
         reinitialised_weights: weights that the initial model did not have.
     """

@@ -1,4 +1,4 @@
-"""The training loop: one for all networks. A training that was killed can be resumed and ends in the same weights.
+"""The training loop of all networks. A training that was killed can be resumed and ends with the same weights.
 
 All random numbers are keyed by seed and epoch, so a checkpoint holds no state of a random generator: an epoch is the
 same whether those before it ran in this process or in another one.
@@ -35,7 +35,7 @@ class TrainResult:
     Attributes:
         weights: parameters and buffers of the epoch that was kept, by name.
         rows: the training log, one row an epoch.
-        facts: how it was trained.
+        facts: facts of its training.
     """
 
     weights: dict[str, npt.NDArray[Any]]
@@ -68,12 +68,12 @@ def train_network(
     resume: bool = False,
     progress: Progress | None = None,
 ) -> TrainResult:
-    """Train a network and keep the epoch with the smallest validation error, or the last one without validation.
+    """Trains a network and keeps the epoch with the smallest validation error, or the last one without validation.
 
     Args:
         task: the network, its loss and its error.
         samples: all samples.
-        split: which samples train and which validate.
+        split: indices of the samples for training and for validation.
         config: optimiser, schedule and budget.
         init_from: initial weights; None: random ones.
         folder: an existing folder for the log and a checkpoint after every epoch; None: nothing is written.
@@ -121,7 +121,7 @@ def _run_epoch(
     state: _State,
     report: Callable[[float], None],
 ) -> dict[str, Any]:
-    """Train and validate one epoch, keep its weights where it is the best one, and return its row of the log."""
+    """Trains and validates one epoch, keeps its weights if it is the best one, and returns its row of the log."""
     start, waited, share_before = time.perf_counter(), loader.waited_s, state.epoch / config.epochs
     rate_scale = state.rate_scale
 
@@ -135,7 +135,7 @@ def _run_epoch(
             f"training diverged in epoch {state.epoch + 1} (the loss is {loss:g}); lower the learning rate, for "
             f"example rate={config.rate / 10:g}"
         )
-    # not finite where batch normalisation has seen too little so far: such an epoch is not the best
+    # not finite where batch normalisation has seen too few batches: such an epoch is not the best
     error_n = trainer.validation_error_n(loader, split.val) if len(split.val) else float("nan")
     state.epoch += 1
     state.plateau += 1
@@ -160,7 +160,7 @@ def _run_epoch(
 
 
 def _stop_reason(state: _State, config: TrainConfig) -> str:
-    """Returns why training ends now; empty while it goes on."""
+    """Returns the reason why training ends now; empty if it continues."""
     if state.epoch >= config.epochs:
         return "all epochs were run"
     if config.patience is not None and state.epoch - state.best_epoch >= config.patience:
@@ -180,7 +180,7 @@ def _facts(
     state: _State,
     stop_reason: str,
 ) -> TrainingFacts:
-    """Returns how the network was trained, for its model folder."""
+    """Returns the facts of the training for its model folder."""
     return TrainingFacts(
         network=task.name,
         parameters=sum(value.numel() for value in trainer.network.parameters()),
@@ -202,5 +202,5 @@ def _facts(
     )
 
 
-def _no_progress(what: str, share: float) -> None:
-    del what, share
+def _no_progress(text: str, share: float) -> None:
+    del text, share

@@ -1,6 +1,6 @@
-"""Static quantisation of a graph to 8 bits, and the growth of its error by that.
+"""Static quantisation of a graph to 8 bits, and the growth of its error by it.
 
-The image's bytes enter the first convolution as they are, without a conversion to floating point.
+The bytes of the image enter the first convolution directly, without a conversion to floating point.
 """
 
 import tempfile
@@ -15,31 +15,31 @@ from ._device import import_extra
 from ._export import to_single_precision
 
 MAX_ERROR_GROWTH = 0.05
-"""Largest relative growth of the error by quantisation: beyond it the graph in single precision stays in use."""
+"""Largest relative growth of the error by quantisation; beyond it the graph in single precision is used."""
 
 _Inputs = Mapping[str, npt.NDArray[Any]]
 """Inputs of a graph by name."""
 
 _PREPROCESSED = {"onnx.quant.pre_process": "onnxruntime.quant"}
-"""Tells the quantiser that batch normalisation is folded already; it would warn."""
+"""Metadata for the quantiser: batch normalisation is folded already; otherwise it would warn."""
 
 _BYTE = np.float32(1.0 / 255.0)
-_GROUP = 4
-"""Pixels of a group. With eight the multiplications by the new kernel's zeros cost more than is gained, from three
-channels on."""
+GROUP_PIXELS = 4
+"""Pixels of a group. With eight, from three channels on, the multiplications by the zeros of the new kernel cost more
+than is gained."""
 
 
 def quantise(graph: bytes, batches: Iterable[_Inputs]) -> bytes:
-    """Quantise the convolutions of a graph to 8 bits (static quantisation); inputs and outputs stay the same.
+    """Quantises the convolutions of a graph to 8 bits (static quantisation); inputs and outputs stay the same.
 
     Activations are unsigned (processors multiply unsigned by signed bytes fastest); kernels are signed and symmetric,
-    with a scale for each output channel (Krishnamoorthi 2018; Jacob et al. 2018). What comes before the first
-    convolutions, the dense layers and what takes other inputs than images stay in single precision: they take little
-    time, and rounding there would round the force. Images that are merely divided by 255 enter the first convolution
-    as bytes.
+    with a scale for each output channel (Krishnamoorthi 2018; Jacob et al. 2018). The nodes before the first
+    convolutions, the dense layers and the nodes with other inputs than images stay in single precision: they take
+    little time, and rounding there would round the force. Images that are only divided by 255 enter the first
+    convolution as bytes.
 
     Args:
-        graph: of `export_graph`.
+        graph: a graph of `export_graph`.
         batches: calibration batches, typical inputs of the graph; the range of every activation is taken from them.
 
     Raises:
@@ -118,7 +118,7 @@ def _not_quantised(onnx: Any, graph: Any) -> list[str]:
     for node in graph.node:  # in topological order
         if node.op_type == "Conv" or convolved.intersection(node.input):
             convolved.update(node.output)
-        # the exporter may take the batch size from any input: it makes nothing dense
+        # the exporter may take the batch size from any input: this makes no node dense
         from_dense = node.op_type != "Shape" and bool(dense_inputs.intersection(node.input))
         dense = node.op_type in ("Gemm", "MatMul") or from_dense
         if dense:
@@ -129,14 +129,14 @@ def _not_quantised(onnx: Any, graph: Any) -> list[str]:
 
 
 def _drop_unused(graph: Any) -> None:
-    """Remove initialisers that no node uses any more."""
+    """Removes initialisers that no node uses any more."""
     used = {name for node in graph.node for name in node.input}
     for each in [each for each in graph.initializer if each.name not in used]:
         graph.initializer.remove(each)
 
 
 def _calibration_reader(tool: Any, batches: Iterable[_Inputs]) -> Any:
-    """Returns ``batches`` behind the interface that the quantiser expects."""
+    """Returns ``batches`` with the interface that the quantiser expects."""
 
     class Reader(tool.CalibrationDataReader):
         def __init__(self) -> None:
@@ -150,12 +150,12 @@ def _calibration_reader(tool: Any, batches: Iterable[_Inputs]) -> Any:
 
 
 def group_pixels(onnx: Any, model: Any) -> None:
-    """Make a first convolution of stride 2 take pixels in groups of four along a row, in place; the result stays.
+    """Changes a first convolution of stride 2 to groups of four pixels along a row, in place; the result is the same.
 
     With one to three channels a pixel, gathering the pixels under a large kernel costs far more than multiplying them.
-    So a row of w pixels is read as w / 4 pixels of four times the channels, and one position of the new kernel yields
-    two positions of the old one; neither moves a byte. A graph that does not begin with bytes, a division by 255 and
-    such a convolution stays as it is.
+    Therefore a row of w pixels is read as w / 4 pixels of four times the channels, and one position of the new kernel
+    yields two positions of the old one; neither moves a byte. A graph that does not begin with bytes, a division by 255
+    and such a convolution is not changed.
     """
     graph = model.graph
     consumers, producers = _consumers(graph), _producers(graph)
@@ -173,7 +173,7 @@ def group_pixels(onnx: Any, model: Any) -> None:
         if source is None or not _halves_size(options, kernel.shape[2:]):
             continue
         _, height, width, *channels = [each.dim_value for each in source.type.tensor_type.shape.dim]
-        if height % 2 or width % _GROUP:
+        if height % 2 or width % GROUP_PIXELS:
             continue
         new, pads = _grouped_kernel(kernel, options.get("pads", [0, 0, 0, 0]))
         del convolution.attribute[:]
@@ -187,9 +187,11 @@ def group_pixels(onnx: Any, model: Any) -> None:
         convolution.input[1] = constant("kernel", new)
         if len(convolution.input) > 2:
             bias = onnx.numpy_helper.to_array(constants[convolution.input[2]])
-            convolution.input[2] = constant("bias", np.tile(bias, _GROUP // 2))
+            convolution.input[2] = constant("bias", np.tile(bias, GROUP_PIXELS // 2))
         node = onnx.helper.make_node
-        shape = constant("group_shape", np.array([-1, height, width // _GROUP, _GROUP * (channels or [1])[0]]))
+        shape = constant(
+            "group_shape", np.array([-1, height, width // GROUP_PIXELS, GROUP_PIXELS * (channels or [1])[0]])
+        )
         _insert(
             graph,
             cast,
@@ -212,7 +214,7 @@ def group_pixels(onnx: Any, model: Any) -> None:
 
 
 def _feed_bytes(onnx: Any, model: Any) -> None:
-    """Replace Cast, division by 255 and quantisation of an image by its bytes, in place."""
+    """Replaces Cast, division by 255 and quantisation of an image by its bytes, in place."""
     graph = model.graph
     consumers, producers = _consumers(graph), _producers(graph)
     constants = {each.name: each for each in graph.initializer}
@@ -239,15 +241,15 @@ def _feed_bytes(onnx: Any, model: Any) -> None:
 def _grouped_kernel(kernel: Any, pads: Any) -> tuple[Any, tuple[int, int, int, int]]:
     """Returns kernel (o, c, h, w) of stride 2 as (2 o, 4 c, h, w') of stride (2, 1) on groups, and its padding."""
     out, channels, height, width = kernel.shape
-    positions = _GROUP // 2
+    positions = GROUP_PIXELS // 2
     # group, and pixel in it, under column j of the kernel at the k-th position of a group
-    columns = [[divmod(2 * k + j - pads[1], _GROUP) for j in range(width)] for k in range(positions)]
+    columns = [[divmod(2 * k + j - pads[1], GROUP_PIXELS) for j in range(width)] for k in range(positions)]
     first, last = columns[0][0][0], columns[-1][-1][0]
-    new = np.zeros((positions, out, _GROUP, channels, height, last - first + 1), kernel.dtype)
+    new = np.zeros((positions, out, GROUP_PIXELS, channels, height, last - first + 1), kernel.dtype)
     for k, row in enumerate(columns):
         for j, (group, pixel) in enumerate(row):
             new[k, :, pixel, :, :, group - first] = kernel[:, :, :, j]
-    return new.reshape(positions * out, _GROUP * channels, *new.shape[4:]), (pads[0], -first, pads[2], last)
+    return new.reshape(positions * out, GROUP_PIXELS * channels, *new.shape[4:]), (pads[0], -first, pads[2], last)
 
 
 def _halves_size(options: dict[str, Any], size: tuple[int, ...]) -> bool:
@@ -286,6 +288,6 @@ def _producers(graph: Any) -> dict[str, Any]:
 
 
 def _only_consumer(consumers: dict[str, list[Any]], name: str, kind: str) -> Any:
-    """Returns the only node that uses ``name``, where it is of this kind."""
+    """Returns the only node that uses ``name``, if it is of this kind."""
     found = consumers.get(name, [])
     return found[0] if len(found) == 1 and found[0].op_type == kind else None

@@ -19,8 +19,8 @@ RESNET_OUTPUTS = ("force_n", "pooled")
 FEATURES = 512
 """Channels of the last block of ResNet-18."""
 
-_SMALLEST_N2 = 1e-12
-"""Keeps the gradient of the root finite where the error is 0."""
+MIN_SQUARED_ERROR_N2 = 1e-12
+"""Smallest squared error; it keeps the gradient of the root finite where the error is 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,10 +102,10 @@ class ResnetTask:
         return component_rms(outputs[0], batch["force_n"]).mean()
 
     def error_n(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """Returns (b,) thesis eq. (19), by which the thesis judges, too."""
+        """Returns the (b,) errors by thesis eq. (19), which is also the measure of the thesis."""
         return component_rms(outputs[0], batch["force_n"])
 
 
 def component_rms(predicted: "Tensor", target: "Tensor") -> "Tensor":
     """Returns (b,) thesis eq. (19): the root mean square over the components of ``predicted - target``, (b, t) each."""
-    return ((predicted - target) ** 2).mean(dim=1).add(_SMALLEST_N2).sqrt()
+    return ((predicted - target) ** 2).mean(dim=1).add(MIN_SQUARED_ERROR_N2).sqrt()

@@ -1,4 +1,4 @@
-"""The interface between the training loop and a network: how it is built, fed and evaluated, and its weights."""
+"""Interface between the training loop and a network: its construction, its inputs, its evaluation, its weights."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
@@ -42,7 +42,7 @@ class Task(Protocol):
         ...
 
     def adapted(self, weights: Weights) -> Weights:
-        """Returns initial weights of an earlier layout in this task's; others as they are."""
+        """Returns initial weights of an earlier layout in the layout of this task; other weights unchanged."""
         ...
 
     def build(self) -> "nn.Module":
@@ -54,9 +54,10 @@ class Task(Protocol):
 
         Args:
             samples: all samples.
-            index: (b,) which of them.
-            rngs: one generator a sample, keyed by seed, epoch and sample, for data augmentation; None for validation,
-                where nothing is augmented.
+            index: (b,) indices of the samples.
+            rngs: one generator per sample for data augmentation, keyed by seed, epoch and sample; None for validation,
+            without
+                augmentation.
         """
         ...
 
@@ -83,11 +84,11 @@ def network_from_weights(task: Task, weights: Weights) -> "nn.Module":
 
 
 def load_weights(network: "nn.Module", weights: Weights, head: tuple[str, ...]) -> list[str]:
-    """Copy ``weights`` into ``network``.
+    """Copies ``weights`` into ``network``.
 
     Args:
-        network: changed in place.
-        weights: of the same architecture.
+        network: the network, which is changed in place.
+        weights: weights of the same architecture.
         head: prefixes of the parameters that may differ in shape; those keep their initial values.
 
     Returns:

@@ -18,7 +18,7 @@ from ._device import Device
 from ._task import Batch, Task, Weights, load_weights
 
 PREFETCH = 3
-"""Batches a thread that are prepared before they are asked for."""
+"""Number of batches per thread that are prepared in advance."""
 
 
 class BatchLoader:
@@ -36,7 +36,7 @@ class BatchLoader:
         self.waited_s = 0.0
 
     def run(self, batches: list[IntArray], epoch: int | None) -> Iterator[Batch]:
-        """Returns one batch for each array of sample indices; ``epoch`` None: for validation, without augmentation."""
+        """Yields one batch for each array of sample indices; ``epoch`` None: for validation, without augmentation."""
         rest = iter(batches)
         waiting: deque[Future[Batch]] = deque(self._submit(index, epoch) for index in islice(rest, self._prefetch))
         try:
@@ -62,13 +62,13 @@ class BatchLoader:
 
 @contextmanager
 def batch_loader(task: Task, samples: TrainingSamples, seed: int, workers: int) -> Generator[BatchLoader]:
-    """`BatchLoader` with ``workers`` threads, which end with the block."""
+    """Opens a `BatchLoader` with ``workers`` threads, which end with the block."""
     with ThreadPoolExecutor(workers, thread_name_prefix="batches") as pool:
         yield BatchLoader(task, samples, seed, pool, workers)
 
 
 def batch_indices(index: IntArray, size: int, rng: np.random.Generator | None = None) -> list[IntArray]:
-    """Cut ``index`` into batches of about ``size``, none smaller than two where there are two; shuffled with ``rng``.
+    """Cuts ``index`` into batches of about ``size``, none smaller than two if there are two; shuffled with ``rng``.
 
     >>> [len(batch) for batch in batch_indices(np.arange(33), 16)]
     [11, 11, 11]
@@ -83,7 +83,7 @@ class Trainer:
     Args:
         task: builds the network.
         config: optimiser, schedule and so on.
-        device: where it is trained.
+        device: device of the training.
         init_from: initial weights; None: random ones.
 
     Attributes:
@@ -108,22 +108,22 @@ class Trainer:
     def train_epoch(
         self, loader: BatchLoader, index: IntArray, epoch: int, rate_scale: float, report: Callable[[float], None]
     ) -> tuple[float, float]:
-        """Train once on all samples.
+        """Trains once on all samples.
 
         Args:
             loader: prepares the batches.
             index: the samples to train on.
             epoch: number of the epoch, from 0.
-            rate_scale: factor of the learning rate beside the schedule's.
+            rate_scale: factor of the learning rate in addition to that of the schedule.
             report: called with the finished share of the epoch.
 
         Returns:
-            Mean loss and mean error in newtons, as they were while the network was trained.
+            Mean loss and mean error in newtons, as they were during training.
         """
         import torch
 
         config = self._config
-        # keyed by the epoch: random numbers do not depend on what ran before it
+        # keyed by the epoch: random numbers do not depend on earlier epochs in this process
         torch.manual_seed(_epoch_seed(config.seed, epoch))
         batches = batch_indices(index, config.batch, np.random.default_rng((config.seed, 2, epoch)))
         self.network.train()
@@ -172,7 +172,7 @@ class Trainer:
         return float(total) / len(index)
 
     def best_weights(self) -> dict[str, Any]:
-        """Returns a copy of the weights that an epoch leaves: the trained ones, or their moving average."""
+        """Returns a copy of the weights after an epoch: the trained ones, or their moving average."""
         if self._averaged is None:
             return self._weights()
         return {name: value.clone() for name, value in self._averaged.items()}
@@ -187,7 +187,7 @@ class Trainer:
         return state if self._averaged is None else {**state, "averaged": self._averaged}
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
+        """Inverts `state`."""
         self.network.load_state_dict(state["network"])
         self._optimiser.load_state_dict(state["optimiser"])
         self._steps = state["steps"]
@@ -198,7 +198,7 @@ class Trainer:
         return {name: value.detach().clone() for name, value in self.network.state_dict().items()}
 
     def _update_average(self) -> None:
-        """Update the moving average. Its decay is smaller in the first steps, so that the initial weights fade."""
+        """Updates the moving average. Its decay is smaller in the first steps, so that the initial weights fade."""
         import torch
 
         if self._averaged is None:
