@@ -1,8 +1,8 @@
-"""Steps of a sensor's zero: somebody pressed its zero, or it was connected again, in mid-session.
+"""Finds steps of a sensor's zero: in mid-session its zero was set by a person, or it was connected again.
 
-A step of the zero shows as a jump from one reading to the next, in all axes at once, after which the readings go
-through the same values as before, moved by the jump. A contact that begins or ends, and a stage that jerks, also jump,
-but the readings behind them have another distribution, or the old one.
+A step of the zero is a jump from one reading to the next, in all axes at the same time. After it the readings have the
+same distribution as before, shifted by the jump. A contact that begins or ends, and a sudden motion of the stage, also
+give a jump, but the readings after them have another distribution, or the old one.
 """
 
 from dataclasses import dataclass
@@ -15,36 +15,41 @@ from ._noise import axis_noise
 
 _MIN_READINGS = 100
 
-_FIT_S, _FIT_READINGS = 8e-3, (3, 20)
-"""Straight lines over so long before and after a reading are continued to the middle between them."""
+FIT_S, _FIT_READINGS = 8e-3, (3, 20)
+"""Duration, and range of the number of readings, of the straight lines before and after a jump, which are continued to
+the middle between them."""
 _MIN_NOISES = 10.0
 _MIN_STEP_N = 0.015
 _MAX_CANDIDATES = 200
 _SPANS_S = (1.0, 2.0, 4.0, 8.0)
-"""Stretches before and after a jump whose distributions are compared; the contact may change in the longer ones."""
-_COMPARED = 400
-"""Readings of a stretch that are compared."""
+"""Stretches before and after a jump whose distributions are compared; in the longer ones the contact may change."""
+MAX_COMPARED_READINGS = 400
+"""Largest number of readings of a stretch that are compared."""
 _QUANTILES = np.linspace(0.02, 0.98, 49)
-_EXPLAINED = 0.35
-"""The jump leaves at most this share of the distance between the two distributions."""
+MAX_REMAINING_SHARE = 0.35
+"""Largest share of the distance between the two distributions that remains after the jump is subtracted."""
 _MAX_STEPS = 8
 _MIN_SPANS = 3
-"""Without a contact-free moment behind it, a step must explain the difference over so many of the spans."""
-_FREE_RATIO = 2.0
-"""The readings behind a step rest at the new level at least so many times longer than at the old one."""
+"""Fewest spans in which a step must explain the difference, if no contact-free stretch follows it."""
+MIN_FREE_RATIO = 2.0
+"""Smallest ratio of the rest at the new level to the rest at the old level after a step."""
 _MIN_FREE_S, _REST_S, _SMOOTH_S = 0.2, 0.03, 0.01
-"""Least time in all at a contact-free level, of each moment in it, and of the mean that is compared with the level."""
-_NEAR_N = 0.02
-"""A reading this near to a level is at it: residues of the stage's movement reach 15 mN on the simulated bench."""
-_SHIFTED = 0.6
-"""The distributions are at least this share of the jump apart."""
+"""Shortest total time at a contact-free level, shortest stretch in it, and duration of the mean that is compared with
+the level."""
+MAX_LEVEL_DISTANCE_N = 0.02
+"""Largest distance of a reading from its level: residuals of the stage motion reach 15 mN on the simulated bench."""
+MIN_DISTANCE_RATIO = 0.6
+"""Smallest distance of the two distributions as a share of the jump."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZeroStep:
-    """A step of the zero in front of reading ``row``: by ``step_n`` (3,), 0 for axes that the sensor lacks.
+    """A step of the zero before a reading.
 
-    ``free_s``: time behind it at the new contact-free level, which measures the step; 0 where there is none.
+    Attributes:
+        row: the reading after the step.
+        step_n: (3,) step, N; 0 for axes that the sensor lacks.
+        free_s: time after it at the new contact-free level, which measures the step, s; 0 where there is none.
     """
 
     row: int
@@ -53,13 +58,14 @@ class ZeroStep:
 
 
 def find_zero_steps(stamps_ns: IntArray, force_n: FloatArray, level_n: FloatArray | None = None) -> list[ZeroStep]:
-    """Steps of the zero in a force log.
+    """Finds the steps of the zero in a force log.
 
     Args:
         stamps_ns: (n,) stamps of usable readings, rising.
-        force_n: (n, 3) N, finite but for axes that the sensor lacks (NaN); best without the mass that it carries.
-        level_n: (3,) readings without contact at the start, N, where they are known: a jump behind which the readings
-            come back to this level is no step of the zero.
+        force_n: (n, 3) forces, N, finite but for axes that the sensor lacks (NaN); best without inertia.
+        level_n: (3,) readings without contact at the start, N, where they are known: a jump after which the readings
+        return
+            to this level is no step of the zero.
 
     Returns:
         The steps, in the order of time.
@@ -86,7 +92,7 @@ def find_zero_steps(stamps_ns: IntArray, force_n: FloatArray, level_n: FloatArra
 def _best_step(
     seconds: FloatArray, values: FloatArray, level: FloatArray | None
 ) -> tuple[int, FloatArray, float] | None:
-    """Row behind the step that explains most, the step (axes,) and the time at the new level; None without one."""
+    """Returns the row after the best step, the step (axes,) and the time at the new level, s; None without a step."""
     jumps, noise_n = _jumps(seconds, values)
     size = np.linalg.norm(jumps, axis=1)
     size[(seconds < _SPANS_S[0]) | (seconds > seconds[-1] - _SPANS_S[0])] = 0.0
@@ -107,7 +113,7 @@ def _best_step(
         jump, free_s = jumps[row], 0.0
         if level is not None:
             jump, free_s, old_s = _at_levels(seconds[row:], values[row:], level, jump)
-            if free_s < _FREE_RATIO * old_s:
+            if free_s < MIN_FREE_RATIO * old_s:
                 continue
         if free_s or spans >= _MIN_SPANS:
             best, best_gain = (row, jump, free_s), gain
@@ -117,7 +123,7 @@ def _best_step(
 def _at_levels(
     seconds: FloatArray, values: FloatArray, level: FloatArray, jump: FloatArray
 ) -> tuple[FloatArray, float, float]:
-    """The step as the contact-free moments behind it measure it, the time in them, and the time at the old level, s."""
+    """Returns the step by the contact-free stretches after it, the time in them, and the time at the old level, s."""
     old = resting(seconds, values - level)
     new = resting(seconds, values - level - jump)
     period = max(float(np.median(np.diff(seconds))), 1e-6)
@@ -125,11 +131,23 @@ def _at_levels(
     if free_s < _MIN_FREE_S:
         return jump, 0.0, old_s
     measured = np.median(values[new], axis=0) - level
-    return (measured if np.linalg.norm(measured - jump) < _NEAR_N else jump), free_s, old_s
+    return (measured if np.linalg.norm(measured - jump) < MAX_LEVEL_DISTANCE_N else jump), free_s, old_s
 
 
-def resting(seconds: FloatArray, values: FloatArray, least_s: float = _REST_S, near_n: float = _NEAR_N) -> BoolArray:
-    """(n,) readings in runs of ``least_s`` or more that stay within ``near_n`` of zero, smoothed, in all axes."""
+def resting(
+    seconds: FloatArray, values: FloatArray, least_s: float = _REST_S, near_n: float = MAX_LEVEL_DISTANCE_N
+) -> BoolArray:
+    """Finds contact-free stretches.
+
+    Args:
+        seconds: (n,) times of the readings, s.
+        values: (n, axes) readings minus the contact-free level, N.
+        least_s: shortest stretch, s.
+        near_n: largest distance of the smoothed readings from 0, N.
+
+    Returns:
+        (n,) whether each reading is in a stretch.
+    """
     period = max(float(np.median(np.diff(seconds))), 1e-6) if len(seconds) > 1 else 1.0
     width = max(1, round(_SMOOTH_S / period))
     smooth = uniform_filter1d(values, width, axis=0, mode="nearest")
@@ -142,9 +160,9 @@ def resting(seconds: FloatArray, values: FloatArray, least_s: float = _REST_S, n
 
 
 def _jumps(seconds: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
-    """(n, axes) jump in front of each row, N; and the standard deviation that noise alone gives it."""
+    """Returns the (n, axes) jump before each row, N, and the standard deviation of a jump by noise alone."""
     period = max(float(np.median(np.diff(seconds))), 1e-6)
-    count = int(np.clip(round(_FIT_S / period), *_FIT_READINGS))
+    count = int(np.clip(round(FIT_S / period), *_FIT_READINGS))
     place = np.arange(count) - (count - 1) / 2
     # weights that continue the straight line through `count` readings half a reading beyond the last of them
     ahead = 1.0 / count + place * (count / 2) / np.sum(place**2)
@@ -157,23 +175,23 @@ def _jumps(seconds: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _explained(seconds: FloatArray, values: FloatArray, row: int, jump: FloatArray) -> tuple[float, int]:
-    """How far the jump before ``row`` brings the distributions on both sides together, N, and in how many spans."""
+    """Returns how much the jump before ``row`` reduces the distance of both distributions, N, and in how many spans."""
     size, gains = float(np.linalg.norm(jump)), [0.0]
     for span in _SPANS_S:
         first, end = np.searchsorted(seconds, (seconds[row] - span, seconds[row] + span)).tolist()
         if row - first < 10 or end - row < 10:
             continue
         behind, before = (
-            np.quantile(part[:: 1 + len(part) // _COMPARED], _QUANTILES, axis=0)
+            np.quantile(part[:: 1 + len(part) // MAX_COMPARED_READINGS], _QUANTILES, axis=0)
             for part in (values[row:end], values[first:row])
         )
         apart = behind - before
         whole, left = _distance(apart), _distance(apart - jump)
-        if whole > _SHIFTED * size and left < _EXPLAINED * whole:
+        if whole > MIN_DISTANCE_RATIO * size and left < MAX_REMAINING_SHARE * whole:
             gains.append(whole - left)
     return max(gains), len(gains) - 1
 
 
 def _distance(apart: FloatArray) -> float:
-    """Root of the squared sum over the axes of mean distances between quantiles (k, axes), N."""
+    """Returns the root of the squared sum over the axes of mean distances between quantiles (k, axes), N."""
     return float(np.linalg.norm(np.abs(apart).mean(axis=0)))
