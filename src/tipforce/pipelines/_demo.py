@@ -31,6 +31,8 @@ _EVALUATED_EVERY = 2
 """Every second image of the held-out sessions is evaluated: 12 a second are more than enough for the figures."""
 _SPLIT_FOLDS = 4
 """Folds of each split in the comparison of splits."""
+_SPLIT_TUNING_SAMPLES = 100
+"""Of the 165 samples that train in each of these folds, so many choose the settings of the method."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ def demo(
     splits = output / "report-splits"
     _type(
         say, "evaluate", "svr", "--data", runs, "--samples", 220, "--folds", _SPLIT_FOLDS, "--seed", seed,
-        "--set", "force=components", "-o", splits,
+        "--set", "force=components", "--set", f"tuning_samples={_SPLIT_TUNING_SAMPLES}", "-o", splits,
     )  # fmt: skip
 
     marks["total"] = round(time.monotonic() - started, 1)
