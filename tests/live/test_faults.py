@@ -253,4 +253,4 @@ def test_what_a_source_says_of_itself_does_not_stop_the_watchdog(engine):
 
     notes = Notes()
     engine(Stammers(50, faulty(20, 30, silent)), Method(), notes).run()
-    assert notes.told("ms old; the source cannot tell why: KeyError")
+    assert notes.told("ms old; the source cannot state the reason: KeyError")

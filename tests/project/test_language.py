@@ -45,7 +45,6 @@ REMAINING: dict[str, int] = {
     "estimators": 219,
     "geometry": 2,
     "limits": 12,
-    "live": 135,
     "mechanics": 78,
     "simulation": 286,
     "docs": 1,

@@ -1,4 +1,4 @@
-"""Live: a source pushes frames, an estimator answers, sinks get the answers, each at its own pace."""
+"""Live estimation: a source pushes frames, an estimator estimates, and each sink gets the estimates at its own pace."""
 
 from ._engine import Engine
 from ._loop import LoopCommands, LoopRun, LoopState, LoopStatus

@@ -1,4 +1,4 @@
-"""Contact of the run, with a force-time integral that a person starts and stops."""
+"""Contact state of the run, with a force-time integral that a person starts and stops."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ from ..types import ForceEstimate
 
 
 class ContactTotals:
-    """`ContactMonitor` with buttons. ``start`` begins times and integral anew; ``stop`` holds the integral."""
+    """`ContactMonitor` with buttons: ``start`` resets times and integral, ``stop`` keeps the integral as it is."""
 
     def __init__(self, settings: ContactSettings) -> None:
         self._monitor = ContactMonitor(settings)
@@ -16,26 +16,26 @@ class ContactTotals:
 
     @property
     def running(self) -> bool:
-        """Whether the integral counts."""
+        """Whether the integral is running."""
         return self._held is None
 
     @property
     def settings(self) -> ContactSettings:
-        """Window, limit and what counts as contact."""
+        """Force window, limit and contact threshold."""
         return self._monitor.settings
 
     @settings.setter
     def settings(self, settings: ContactSettings) -> None:
-        """Other thresholds, from the next estimate on; the times so far stay."""
+        """Changes the thresholds from the next estimate on; the times that were counted before are kept."""
         self._monitor.settings = settings
 
     def start(self) -> None:
-        """Begin times and integral anew."""
+        """Resets times and integral, and starts the integral."""
         self._monitor.reset()
         self._held = None
 
     def stop(self) -> None:
-        """Hold the integral as it is."""
+        """Keeps the integral at its present value."""
         if self.running:
             last = self._last
             self._held = (0.0, (0.0, 0.0)) if last is None else (last.integral_n_s, last.integral_interval_n_s)
@@ -44,11 +44,11 @@ class ContactTotals:
         """Takes the next estimate.
 
         Args:
-            estimate: with the operator's zero subtracted.
-            raw: the same as the method returned it.
+            estimate: the estimate after the operator's zero was subtracted.
+            raw: the same estimate as the method returned it.
 
         Returns:
-            The state with it. Above the limit it is by the larger of both forces.
+            The contact state after this estimate. The larger of both forces is compared with the limit.
         """
         state = self._monitor.update(estimate)
         if raw is not estimate and raw.valid:

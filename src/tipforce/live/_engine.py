@@ -1,4 +1,4 @@
-"""Source -> newest frame -> estimator -> sinks, each on a thread of its own, and a watchdog beside them."""
+"""Source -> newest frame -> estimator -> sinks, each on a thread of its own, and a watchdog on another thread."""
 
 import logging
 import threading
@@ -29,10 +29,10 @@ from ._zero import ZeroButton
 
 _log = logging.getLogger(__name__)
 
-_IDLE_S = 0.1
-"""So often threads that wait look whether the run has ended."""
-_JUST_AFTER_NS = 500_000
-"""The watchdog wakes up when a deadline has passed, not at it."""
+CHECK_INTERVAL_S = 0.1
+"""Interval at which waiting threads check whether the run has ended."""
+DEADLINE_MARGIN_NS = 500_000
+"""The watchdog wakes up this long after a deadline, so that the deadline has passed."""
 _NO_FRAMES: Mapping[str, Image] = MappingProxyType({})
 
 
@@ -48,24 +48,24 @@ class _Stoppable(Protocol):
 
 
 @runtime_checkable
-class _Telling(Protocol):
+class _Explaining(Protocol):
     def trouble(self) -> str: ...
 
 
 class Engine:
-    """Estimates live. One run an engine.
+    """Estimates forces live. An engine runs once.
 
     Args:
-        source: yields events as they happen. Each image is an array of its own, which nobody changes afterwards. The
-            stamps of a source whose ``clock`` is this ``clock`` count as they are; those of any other are brought to
-            it by the smallest delay of arrival. One that may wait for events for long has a method ``stop``; one that
-            knows why nothing comes has a method ``trouble``, which returns a sentence or nothing.
-        estimator: a fitted one. It is started with the session's metadata alone, so a method that resolves its
-            detection on images does so on the first ones.
+        source: yields events as they happen. Each image is an array of its own, which nobody changes afterwards. Where
+            the ``clock`` of the source is this ``clock``, its stamps are used unchanged; otherwise they are mapped to
+            this clock by the smallest delay of arrival. A source that may wait long for events has a method ``stop``;
+            a source that knows the reason of a fault has a method ``trouble``, which returns a sentence or "".
+        estimator: a fitted estimator. It is started with the session metadata alone, so a method that resolves its
+            detection settings on images does so on the first ones.
         sinks: get every update, each at its own pace.
-        settings: how long a value counts, and what is done where something fails.
-        clock: the engine's; by default the machine's monotonic clock.
-        model: what the model is called.
+        settings: time limits, and the reactions to failures.
+        clock: clock of the engine; by default the machine's monotonic clock.
+        model: name of the model, for the sinks.
     """
 
     def __init__(
@@ -106,13 +106,13 @@ class Engine:
     def run(self) -> LiveReport:
         """Runs until the source ends or `stop` is called. Raises RuntimeError the second time."""
         with self.running():
-            while not self.wait(_IDLE_S):
+            while not self.wait(CHECK_INTERVAL_S):
                 pass
         return self._report
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """The engine at work beside the caller; leaving the block ends the run, and then `report` is complete."""
+        """Runs the engine during the block of the caller; then the run has ended and `report` is complete."""
         if self._threads:
             raise RuntimeError("an engine runs once; make another one")
         self._began_ns, cpu_s = self.clock.now_ns(), time.process_time()
@@ -129,18 +129,18 @@ class Engine:
             yield
         finally:
             self.stop()
-            for thread in self._threads:  # one that hangs in a driver or a method ends with the program
+            for thread in self._threads:  # a thread that hangs in a driver or a method ends with the program
                 thread.join(self.settings.hung_s)
             self._say_last(self._reader.end or "the run was stopped")
             self._close_sinks()
             self._finish_report(time.process_time() - cpu_s)
 
     def add_sink(self, sink: Sink, on_end: Callable[[str], None] | None = None) -> None:
-        """Adds a sink, also while the engine runs; it is started when that does.
+        """Adds a sink, also while the engine runs; the sink is started with the engine.
 
         Args:
             sink: gets every update from now on.
-            on_end: gets the reason where the sink fails and is not started again; called on the sink's thread.
+            on_end: gets the reason if the sink fails and is not started again; called on the thread of the sink.
         """
         runner = SinkRunner(sink, self._info, self._model, self.settings, self.clock, on_end)
         with self._publishing:
@@ -149,9 +149,13 @@ class Engine:
                 runner.start()
 
     def remove_sink(self, sink: Sink) -> SinkHealth:
-        """Ends a sink while the others go on: it takes what waits for it and is closed. Returns how it did.
+        """Ends a sink while the others continue: it takes the waiting updates and is closed.
 
-        Raises KeyError for a sink that is not there.
+        Returns:
+            The health of the sink at its end.
+
+        Raises:
+            KeyError: the engine does not have this sink.
         """
         with self._publishing:
             runner = next((each for each in self._runners if each.sink is sink), None)
@@ -164,11 +168,11 @@ class Engine:
 
     @property
     def report(self) -> LiveReport:
-        """What the run came to; complete when it has ended."""
+        """Summary of the run; complete when the run has ended."""
         return self._report
 
     def wait(self, timeout_s: float) -> bool:
-        """Waits for the end of the run; True where the source has ended, or `stop` was called."""
+        """Waits for the end of the run; returns True if the source has ended or `stop` was called."""
         return self._done.wait(timeout_s)
 
     def stop(self) -> None:
@@ -180,41 +184,42 @@ class Engine:
             self._source.stop()
 
     def zero(self, *, by: str = "", confirmed_n: float | None = None) -> None:
-        """Subtracts the force that is read now from every estimate from now on; `LiveUpdate.zero` states it.
+        """Subtracts the present force from every estimate from now on; `LiveUpdate.zero` states it.
 
-        The intervals then span the force with and without it, so a zero never lowers their upper ends, on which alarm
-        and limit act.
+        The intervals then span the force with and without the zero, so a zero never lowers their upper ends, on which
+        alarm and limit act.
 
         Args:
-            by: who asks for it.
-            confirmed_n: the magnitude that may be subtracted although the tip may be in contact, as a
-                `ZeroInContactError` stated it.
+            by: name of the person or page that requests the zero.
+            confirmed_n: the magnitude that may be subtracted although the tip may be in contact; it is the
+                magnitude of a preceding `ZeroInContactError`.
 
         Raises:
-            InputError: nothing valid was read in the last second, or too much to be an error of the zero.
+            InputError: the last second has too few valid estimates, or the force is too large to be an error of the
+                zero.
             ZeroInContactError: the tip may be in contact, and this magnitude was not confirmed.
         """
         with self._publishing:
             self._zero.press(self.clock.now_ns(), by=by, confirmed_n=confirmed_n)
 
     def clear_zero(self) -> None:
-        """Nothing is subtracted any more."""
+        """Removes the zero: nothing is subtracted from now on."""
         with self._publishing:
             self._zero.clear()
 
     def start_integral(self) -> None:
-        """The force-time integral, and the times beside it, count from now on."""
+        """Starts the force-time integral and the contact times from 0."""
         with self._publishing:
             self._contact.start()
 
     def stop_integral(self) -> None:
-        """The force-time integral stays as it is."""
+        """Stops the force-time integral; its value stays."""
         with self._publishing:
             self._contact.stop()
 
     @property
     def contact(self) -> ContactSettings:
-        """Force window, limit and what counts as contact; may be set while it runs."""
+        """Force window, limit and contact threshold; may be set during the run."""
         return self._contact.settings
 
     @contact.setter
@@ -223,24 +228,24 @@ class Engine:
             self._contact.settings = settings
 
     def latest(self) -> LiveUpdate | None:
-        """The last update as of now; None before the first one. Where the camera is at fault it is the watchdog's."""
+        """Returns the last update as of now; None before the first one. After a fault it is that of the watchdog."""
         latest = self._latest
         return None if latest is None else latest.as_of(self.clock.now_ns())
 
     def _last(self, loop: Callable[[], None]) -> None:
-        """Runs a loop without which there is no run: however it ends, the run ends."""
+        """Runs a loop that the run needs: when the loop ends, for any reason, the run ends."""
         try:
             loop()
         finally:
             self.stop()
 
     def _estimate(self) -> None:
-        """The estimator's thread."""
+        """Runs on the thread of the estimator."""
         stream: Stream | None = None
         run, wait_s = 0, self.settings.reconnect_s
         while not self._stop.is_set():
             last = not self._threads[0].is_alive()
-            instant = self._intake.take(_IDLE_S)
+            instant = self._intake.take(CHECK_INTERVAL_S)
             if instant is None:
                 if last:
                     break
@@ -250,7 +255,7 @@ class Engine:
                     stream, run = self._start_stream(), instant.run
                 found = self._with_shape(stream.update(instant.observation).checked(), instant)
                 self._trouble, wait_s = "", self.settings.reconnect_s
-            except Exception as error:  # a method should never raise: the run goes on, and says that it did
+            except Exception as error:  # a method should never raise; the run continues and reports the error
                 _log.exception("the method failed")
                 stream, self._trouble = None, f"the method failed: {type(error).__name__}: {error}"
                 found = ForceEstimate.invalid(instant.observation.stamp_ns, Status.STALE, self._trouble)
@@ -262,13 +267,13 @@ class Engine:
             self._shapes.close()
 
     def _with_shape(self, found: ForceEstimate, instant: Instant) -> ForceEstimate:
-        """``found``, with the shape for page and recording where the method detects none."""
+        """Returns ``found`` with a shape for page and recording if the method detects none."""
         image = instant.observation.views.get(self._estimator.views[0])
         if self._shapes is None or found.shape is not None or not isinstance(image, np.ndarray):
             return found
         try:
             shape = self._shapes.find(image, instant.observation.actuation.get(ADVANCE, 0.0))
-        except Exception:  # a drawing is missing then; the force is none the worse
+        except Exception:  # only the drawing is missing then; the force is not affected
             _log.exception("the catheter is not detected for display any more")
             self._shapes = None
             return found
@@ -276,7 +281,7 @@ class Engine:
 
     def _start_stream(self) -> Stream:
         with self._publishing:
-            self._zero.clear()  # the method's own zero begins anew, too
+            self._zero.clear()  # the zero of the method itself is also taken again
         return self._estimator.start(self._info)
 
     def _publish_frame(self, instant: Instant, found: ForceEstimate) -> None:
@@ -298,24 +303,24 @@ class Engine:
             self._publish(found, MappingProxyType(frames), captured_ns, now_ns, self._camera_fault(now_ns))
 
     def _camera_fault(self, now_ns: int) -> Fault | None:
-        """What is wrong with the cameras, with what the source knows of it."""
+        """Returns the fault of the cameras, with the reason that the source states; None without a fault."""
         fault = self._intake.fault(now_ns)
-        if fault is None or not isinstance(self._source, _Telling):
+        if fault is None or not isinstance(self._source, _Explaining):
             return fault
         try:
             why = self._source.trouble()
-        except Exception as error:  # what a driver says of itself must not stop the watchdog
-            why = f"the source cannot tell why: {type(error).__name__}"
+        except Exception as error:  # an error in the driver's status method must not stop the watchdog
+            why = f"the source cannot state the reason: {type(error).__name__}"
         return Fault(fault.camera, f"{fault.message}; {why}") if why else fault
 
     def _refused(self, instant: Instant, stamp_ns: int, captured_ns: int, now_ns: int) -> tuple[Status, str] | None:
-        """Why an estimate does not count, whatever it is.
+        """Returns the reason why an estimate is rejected regardless of its values; None if it is accepted.
 
         Args:
-            instant: what the estimator saw.
-            stamp_ns: of the estimate, on the source's clock.
-            captured_ns: mid-exposure of the image that the estimate is of, on the engine's clock.
-            now_ns: on the engine's clock.
+            instant: input of the estimator.
+            stamp_ns: stamp of the estimate, on the source's clock.
+            captured_ns: mid-exposure of the image of the estimate, on the engine's clock.
+            now_ns: present time, on the engine's clock.
         """
         fault = self._camera_fault(now_ns)
         if fault is not None:
@@ -331,7 +336,7 @@ class Engine:
                 f"the image was {age_ns * 1e-6:.0f} ms old when its force was ready; "
                 f"at most {limit_ns * 1e-6:.0f} ms are allowed"
             )
-        for name in (*self._estimator.required_actuation, ADVANCE):  # without it the base would lie elsewhere
+        for name in (*self._estimator.required_actuation, ADVANCE):  # without the advance the base position is wrong
             if name in instant.too_old_s:
                 return Status.MISSING_INPUT, (
                     f"{name} was read {instant.too_old_s[name]:.1f} s before the image; "
@@ -340,7 +345,7 @@ class Engine:
         return None
 
     def _watch(self) -> None:
-        """The watchdog's thread: says that there is no valid force, whatever the others are busy with."""
+        """Runs on the thread of the watchdog: publishes that no force is valid, also while other threads are busy."""
         while not self._done.is_set():
             self._wake.clear()
             with self._publishing:
@@ -351,11 +356,11 @@ class Engine:
             deadline_ns = self._deadline_ns() if fault is None else None
             wait_s = self.settings.notice_s
             if deadline_ns is not None:
-                wait_s = (deadline_ns + _JUST_AFTER_NS - now_ns) * 1e-9
+                wait_s = (deadline_ns + DEADLINE_MARGIN_NS - now_ns) * 1e-9
             self._wake.wait(max(0.0, wait_s))
 
     def _fault(self, now_ns: int) -> Fault | None:
-        """What is wrong with the camera, or with the method while the camera is well."""
+        """Returns the fault of the camera, or of the method if the camera has none."""
         fault = self._camera_fault(now_ns)
         if fault is not None:
             return fault
@@ -372,7 +377,7 @@ class Engine:
         return Fault("running", self._trouble or f"the method has not answered for {age_ns * 1e-9:.1f} s")
 
     def _deadline_ns(self) -> int | None:
-        """When the value that holds now is stale."""
+        """Returns the time at which the present estimate becomes stale."""
         camera_ns = self._intake.deadline_ns
         if camera_ns is None or self._answered_ns is None:
             return None
@@ -398,7 +403,7 @@ class Engine:
         now_ns: int,
         fault: Fault | None,
     ) -> None:
-        if self._over:  # a method that hung answers after the run
+        if self._over:  # a method that hung returns after the end of the run
             return
         raw = estimate
         estimate = self._zero.apply(raw, now_ns)
@@ -435,7 +440,7 @@ class Engine:
         )
 
     def _say_last(self, why: str) -> None:
-        """The last word of a run is that its force is not valid any more."""
+        """Publishes as the last update of a run that its force is no longer valid."""
         with self._publishing:
             self._notify(Fault("lost", why), self.clock.now_ns())
             self._over = True

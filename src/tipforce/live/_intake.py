@@ -1,4 +1,4 @@
-"""From the source's thread to the estimator's: the newest images of one instant, with the actuation at it."""
+"""Passes the newest images of one instant, with the actuation at it, from the source to the estimator."""
 
 import threading
 from collections import deque
@@ -16,23 +16,26 @@ from ._settings import LiveSettings
 from ._watchdog import CameraWatch, Fault, worst
 
 _PAIR_NS = round(PAIR_S * 1e9)
-_BACK_NS = 1_000_000_000
-"""A stamp that goes back by more is one of a clock that began anew; by less, of a frame that comes too late."""
-_KEPT_NS = 2_000_000_000
-"""So long readings and images of further views wait for a frame that they belong to."""
-_LONGEST_STEP_NS = 1_000_000_000
-"""A source's clock that stood still for longer looks the same as images that are late, and these are stale."""
-_WAITING = 16
-"""Most frames that wait for their partners, in two thirds of `PAIR_S` each at 1 kHz."""
+MAX_LATE_STAMP_NS = 1_000_000_000
+"""A stamp that goes back by more than this means that the source's clock restarted; by less, that the frame is late."""
+KEPT_NS = 2_000_000_000
+"""Readings and images of further views are kept for this time, for a frame that they belong to."""
+MAX_CLOCK_STEP_NS = 1_000_000_000
+"""A jump of the source's clock above this is treated as a delay of the images, which are then stale."""
+MAX_WAITING_FRAMES = 16
+"""Largest number of frames that wait for their partners: two thirds of `PAIR_S` at 1 kHz."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instant:
-    """What the estimator is to see next.
+    """The next input of the estimator.
 
-    ``observation`` is on the source's clock. ``captured_ns``: mid-exposure on the engine's clock, or the earliest time
-    at which it can have been where the driver states a bound. ``run`` changes where the source's clock began
-    anew. ``too_old_s``: drives whose last reading is too old, and the age of it; they are absent from the observation.
+    Attributes:
+        observation: images and actuation, on the source's clock.
+        captured_ns: mid-exposure on the engine's clock; the earliest possible time where the driver states a bound.
+        run: number that changes when the source's clock restarts.
+        too_old_s: age of the last reading of each drive whose reading is too old; these drives are absent from
+            ``observation``.
     """
 
     observation: Observation
@@ -44,8 +47,14 @@ class Instant:
 class Intake:
     """Takes events as they arrive; the newest complete instant waits for the estimator, older ones are dropped.
 
-    May be used from several threads. ``on_fault`` is called, on the source's thread, for an image that is no good.
-    ``same_clock``: the stamps of the source are on the engine's clock already. Nothing here grows with time.
+    May be used from several threads. Its memory does not grow with time.
+
+    Args:
+        views: views that the estimator needs; the first one sets the time of an instant.
+        info: session metadata.
+        settings: time limits of the engine.
+        same_clock: whether the stamps of the source are on the engine's clock already.
+        on_fault: called on the thread of the source for each unusable image.
     """
 
     def __init__(
@@ -69,40 +78,40 @@ class Intake:
         self._begin_run()
 
     def _begin_run(self) -> None:
-        self._clock = ArrivalClock(_LONGEST_STEP_NS)
+        self._clock = ArrivalClock(MAX_CLOCK_STEP_NS)
         self._series, self._read_ns = ActuationSeries(), dict[str, int]()
         self._pairing = Pairing(self._views)
-        self._waiting: deque[tuple[Frame, int]] = deque(maxlen=_WAITING)
+        self._waiting: deque[tuple[Frame, int]] = deque(maxlen=MAX_WAITING_FRAMES)
         self._slot: tuple[Frame, int] | None = None
         self._stamps: dict[str, int] = {}
 
     def add(self, event: Event, now_ns: int) -> None:
-        """An event that arrives at ``now_ns`` of the engine's clock."""
+        """Adds an event that arrives at ``now_ns`` on the engine's clock."""
         if isinstance(event, Frame):
             self._add_frame(event, now_ns)
         elif isinstance(event, Actuation) and event.stream != STAGE:
             with self._new:
                 self._series.add(event)
-                self._series.forget_before(event.stamp_ns - _KEPT_NS)
+                self._series.forget_before(event.stamp_ns - KEPT_NS)
                 for name in event.values:
                     self._read_ns[name] = event.stamp_ns
 
     def restart(self) -> None:
-        """The source was opened again."""
+        """Notes that the source was opened again."""
         with self._new:
             self._source = None
-            self._clock = ArrivalClock(_LONGEST_STEP_NS)
+            self._clock = ArrivalClock(MAX_CLOCK_STEP_NS)
             for watch in self._watches.values():
                 watch.restart()
 
     def fail(self, message: str) -> None:
-        """The source failed or ended; images count again after `restart`."""
+        """Notes that the source failed or ended; images are used again after `restart`."""
         with self._new:
             self._source = Fault("lost", message)
         self._on_fault()
 
     def take(self, timeout_s: float) -> Instant | None:
-        """The newest instant that was not taken yet; None where none comes in time."""
+        """Returns the newest instant that was not taken yet; None if none comes within ``timeout_s``."""
         with self._new:
             if self._slot is None:
                 self._new.wait(timeout_s)
@@ -111,11 +120,11 @@ class Intake:
 
     @property
     def empty(self) -> bool:
-        """Whether no instant waits."""
+        """Whether no instant is waiting."""
         return self._slot is None
 
     def fault(self, now_ns: int) -> Fault | None:
-        """What is wrong with source or cameras at this time; None where every view has a valid image."""
+        """Returns the fault of the source or of the cameras at ``now_ns``; None if every view has a valid image."""
         with self._new:
             if self._source is not None:
                 return self._source
@@ -128,12 +137,12 @@ class Intake:
 
     @property
     def limit_ns(self) -> int:
-        """Age at which the image of a view is stale: that of the slowest."""
+        """Age at which the image of a view is stale; the largest over the views."""
         return max(watch.limit_ns for watch in self._watches.values())
 
     @property
     def deadline_ns(self) -> int | None:
-        """When the first of the views is stale; None where one is at fault."""
+        """Time at which the first of the views becomes stale; None if a view has a fault."""
         deadlines = [watch.deadline_ns for watch in self._watches.values()]
         known = [each for each in deadlines if each is not None]
         return min(known) if len(known) == len(deadlines) else None
@@ -144,7 +153,7 @@ class Intake:
         return self._watches[self._views[0]].fresh_ns
 
     def stamp_at(self, now_ns: int) -> int:
-        """A time of the engine's clock on the source's clock."""
+        """Converts a time of the engine's clock to the source's clock."""
         return max(0, now_ns - (0 if self._same_clock else self._clock.offset_ns))
 
     def frames_per_s(self, now_ns: int) -> float:
@@ -166,7 +175,7 @@ class Intake:
                 self._rate.add(now_ns)
             last_ns = self._stamps.get(view)
             if last_ns is not None and frame.stamp_ns <= last_ns:
-                if last_ns - frame.stamp_ns <= _BACK_NS:
+                if last_ns - frame.stamp_ns <= MAX_LATE_STAMP_NS:
                     self.dropped += first
                     return
                 self._run += 1
@@ -185,7 +194,7 @@ class Intake:
             self._on_fault()
 
     def _wait_for_partners(self, frame: Frame, captured_ns: int) -> None:
-        """A frame of the first view is complete with its partners, or once none can come any more."""
+        """Holds a frame of the first view until it has its partners, or until no partner can come any more."""
         if frame.view == self._views[0]:
             self._waiting.append((frame, captured_ns))
         else:
@@ -197,7 +206,7 @@ class Intake:
             self.dropped += self._slot is not None
             self._slot = self._waiting.popleft()
             self._new.notify()
-        self._pairing.forget_before(frame.stamp_ns - _KEPT_NS)
+        self._pairing.forget_before(frame.stamp_ns - KEPT_NS)
 
     def _instant(self, frame: Frame, captured_ns: int) -> Instant:
         stamp_ns = frame.stamp_ns

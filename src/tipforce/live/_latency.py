@@ -1,4 +1,4 @@
-"""Time in a live run: delays and rates, all of it in rings of fixed size."""
+"""Delays and rates of a live run, kept in ring buffers of fixed size."""
 
 from bisect import bisect_left
 from collections import deque
@@ -7,18 +7,18 @@ import numpy as np
 
 
 class Rate:
-    """Events per second over the last ``window_s``; up to ``most`` events are remembered."""
+    """Events per second in the last ``window_s`` seconds; at most ``most`` events are kept."""
 
     def __init__(self, window_s: float = 1.0, most: int = 512) -> None:
         self._window_ns = round(window_s * 1e9)
         self._at: deque[int] = deque(maxlen=most)
 
     def add(self, now_ns: int) -> None:
-        """One event."""
+        """Adds one event."""
         self._at.append(now_ns)
 
     def per_s(self, now_ns: int) -> float:
-        """Rate at ``now_ns``; 0 with fewer than two events in the window."""
+        """Returns the rate at ``now_ns`` in 1/s; 0 if the window has fewer than two events."""
         while self._at and self._at[0] < now_ns - self._window_ns:
             self._at.popleft()
         span = self._at[-1] - self._at[0] if self._at else 0
@@ -26,7 +26,7 @@ class Rate:
 
 
 class RecentDelays:
-    """Percentiles of delays of the last ``window_s``, computed at most every ``every_s``."""
+    """Percentiles of the delays of the last ``window_s`` seconds, computed at most every ``every_s`` seconds."""
 
     def __init__(self, window_s: float = 10.0, most: int = 2048, every_s: float = 0.25) -> None:
         self._at_ns, self._delay_s = np.zeros(most, np.int64), np.zeros(most)
@@ -35,13 +35,13 @@ class RecentDelays:
         self._found = (float("nan"), float("nan"))
 
     def add(self, now_ns: int, delay_s: float) -> None:
-        """One delay."""
-        place = self._count % len(self._at_ns)
-        self._at_ns[place], self._delay_s[place] = now_ns, delay_s
+        """Adds one delay."""
+        row = self._count % len(self._at_ns)
+        self._at_ns[row], self._delay_s[row] = now_ns, delay_s
         self._count += 1
 
     def percentiles(self, now_ns: int) -> tuple[float, float]:
-        """p50 and p99 in seconds; NaN without any."""
+        """Returns p50 and p99 in seconds; NaN without a delay."""
         if self._count and now_ns >= self._next_ns:
             self._next_ns = now_ns + self._every_ns
             filled = slice(0, min(self._count, len(self._at_ns)))
@@ -52,7 +52,7 @@ class RecentDelays:
 
 
 class Histogram:
-    """Percentiles of all delays of a run of any length, at most 2 % too large.
+    """Percentiles of all delays of a run of any length; a percentile is at most 2 % too large.
 
     >>> delays = Histogram()
     >>> for milliseconds in range(1, 101):
@@ -62,19 +62,19 @@ class Histogram:
     """
 
     _EDGES_S = np.geomspace(1e-5, 100.0, 814).tolist()
-    """2 % from one to the next."""
+    """Upper edges of the bins; each is 2 % above the one before."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(len(self._EDGES_S) + 1, np.int64)
 
     def add(self, delay_s: float) -> None:
-        """One delay."""
+        """Adds one delay in seconds."""
         self._counts[bisect_left(self._EDGES_S, delay_s)] += 1
 
     def percentile(self, p: float) -> float:
-        """Seconds; NaN without any."""
+        """Returns the percentile ``p`` (0 to 100) in seconds; NaN without a delay."""
         total = int(self._counts.sum())
         if not total:
             return float("nan")
-        place = int(np.searchsorted(np.cumsum(self._counts), p / 100.0 * total))
-        return self._EDGES_S[min(place, len(self._EDGES_S) - 1)]
+        row = int(np.searchsorted(np.cumsum(self._counts), p / 100.0 * total))
+        return self._EDGES_S[min(row, len(self._EDGES_S) - 1)]

@@ -1,4 +1,4 @@
-"""What a page shows of a loop that holds a force, what its runs came to, and what a page may command."""
+"""State, run summaries and commands of a loop that holds a force, as a page shows and sends them."""
 
 import json
 import math
@@ -15,17 +15,28 @@ LoopState = Literal["idle", "approach", "contact", "hold", "retract", "stopped"]
 
 @dataclass(frozen=True, slots=True)
 class LoopStatus:
-    """A loop as the page shows it.
+    """State of a loop as the page shows it. Numbers that are not known are NaN.
 
-    ``reason``: why it is in its state, or what is missing. ``resumes``: it is idle and will begin its approach
-    again by itself. ``target_n``: what shall be held in the end, ``wanted_n``: just now, NaN outside of hold;
-    ``limit_n``: that of its safety layer. ``held``: the force has been at the target for the last seconds.
-    ``force_n``: as the loop has read it last, NaN where that was not valid or has expired; ``upper_n``: upper end of
-    its 90 % interval. ``place_mm`` of ``length_mm``: where the drives are on the path from the marked start; NaN
-    without a path. ``axes``: what the drives read, by name; ``start`` and ``goal``: where they were marked.
-    ``action``: what the safety layer does with what is wanted. ``peak_n`` and ``above_limit_s``: largest estimated
-    force of the newest run, and the time that it was above the limit; ``true_peak_n`` and ``true_above_limit_s``: of
-    the true force, where the bench is simulated. NaN where not known.
+    Attributes:
+        state: present state of the loop.
+        reason: reason for the state, or the missing condition.
+        resumes: whether the loop is idle and will begin its approach again by itself.
+        target_n: force that shall be held in the end.
+        wanted_n: present set point; NaN outside of hold.
+        limit_n: limit of the safety layer.
+        held: whether the force has been at the target for the last seconds.
+        force_n: last force that the loop has read; NaN if it was not valid or has expired.
+        upper_n: upper end of the 90 % interval of that force.
+        place_mm: position of the drives on the path, from the marked start; NaN without a path.
+        length_mm: length of the path; NaN without a path.
+        action: action of the safety layer on the present command.
+        peak_n: largest estimated force of the newest run.
+        above_limit_s: time of that run with the estimated force above the limit.
+        true_peak_n: largest true force of the newest run, of a simulated bench.
+        true_above_limit_s: time of that run with the true force above the limit, of a simulated bench.
+        axes: positions of the drives by name.
+        start: positions of the drives at the marked start.
+        goal: positions of the drives at the marked goal.
     """
 
     state: LoopState = "idle"
@@ -50,21 +61,23 @@ class LoopStatus:
 
     @property
     def moves(self) -> bool:
-        """Whether the drives are commanded now, or will be without anybody's word."""
+        """Whether the drives are commanded now, or will be without a further command of the operator."""
         return self.resumes or self.state not in ("idle", "stopped")
 
     def text(self) -> str:
-        """As the JSON text that pages get; a number that is not known is null."""
+        """Returns the JSON text that pages get; a number that is not known is null."""
         values = {name: number(value) if isinstance(value, float) else value for name, value in asdict(self).items()}
         return json.dumps(values | {"answer": "loop", "moves": self.moves})
 
 
 @dataclass(slots=True)
 class ForcePeak:
-    """Peak of a force, and the time that it was above the limits, in one run of a loop.
+    """Peak of a force, and the times that it was above the limits, in one run of a loop.
 
-    ``peak_n``: NaN before the first force. ``above_limit_s``: above the loop's limit of that time.
-    ``above_safe_s``: above the thesis's safe limit.
+    Attributes:
+        peak_n: largest force; NaN before the first force.
+        above_limit_s: time above the limit that the loop had at that time.
+        above_safe_s: time above the thesis's safe limit.
     """
 
     peak_n: float = math.nan
@@ -72,13 +85,24 @@ class ForcePeak:
     above_safe_s: float = 0.0
 
     def add(self, force_n: float, limit_n: float, dt_s: float) -> None:
-        """Adds a force that lasted ``dt_s`` seconds."""
+        """Adds a force.
+
+        Args:
+            force_n: the force in newtons.
+            limit_n: limit of the loop at that time, in newtons.
+            dt_s: duration of the force in seconds.
+        """
         self.peak_n = max(force_n, 0.0 if math.isnan(self.peak_n) else self.peak_n)
         self.above_limit_s += dt_s * (force_n > limit_n)
         self.above_safe_s += dt_s * (force_n > WINDOW_N[1])
 
     def text(self, name: str, limit_n: float) -> str:
-        """Returns one sentence for people; ``name`` is that of the force."""
+        """Returns one sentence for people.
+
+        Args:
+            name: name of the force, as in "estimated".
+            limit_n: limit of the loop in newtons.
+        """
         if math.isnan(self.peak_n):
             return f"The {name} force was not known."
         return (
@@ -90,10 +114,15 @@ class ForcePeak:
 
 @dataclass(slots=True)
 class LoopRun:
-    """One run of a loop, from the operator's start until the drives rest at the marked start, or a stop is released.
+    """One run of a loop: from the operator's start until the drives rest at the marked start, or a stop is released.
 
-    ``limit_n``: that of the loop at its end. ``held_s``: time in which the force was at the target. ``not_valid_s``:
-    time without a valid estimate. ``true``: the force of a simulated bench; None where nobody knows it.
+    Attributes:
+        limit_n: limit of the loop at the end of the run.
+        seconds: duration of the run.
+        held_s: time in which the force was at the target.
+        not_valid_s: time without a valid estimate.
+        estimated: peak of the estimated force.
+        true: peak of the true force of a simulated bench; None if the true force is not known.
     """
 
     limit_n: float = math.nan
@@ -104,12 +133,12 @@ class LoopRun:
     true: ForcePeak | None = None
 
     def add(self, status: LoopStatus, dt_s: float, true_n: float = math.nan) -> None:
-        """Adds ``dt_s`` seconds in which the loop was as ``status`` says.
+        """Adds ``dt_s`` seconds in which the loop had this ``status``.
 
         Args:
-            status: with the force and the limit.
-            dt_s: how long.
-            true_n: true force in newtons; NaN where it is not known.
+            status: state of the loop, with the force and the limit.
+            dt_s: duration in seconds.
+            true_n: true force in newtons; NaN if it is not known.
         """
         self.limit_n = status.limit_n
         self.seconds += dt_s
@@ -123,7 +152,7 @@ class LoopRun:
             self.true.add(true_n, status.limit_n, dt_s)
 
     def text(self) -> str:
-        """Returns the run in one line for people."""
+        """Returns a summary of the run in one line for people."""
         sentences = [
             f"{self.seconds:.1f} s, held for {self.held_s:.1f} s, no valid force for {self.not_valid_s:.1f} s.",
             self.estimated.text("estimated", self.limit_n),
@@ -134,33 +163,33 @@ class LoopRun:
 
 
 class LoopCommands(Protocol):
-    """The operator's commands of a loop. May be called from any thread; what they raise is shown on the page."""
+    """The operator's commands of a loop. May be called from any thread; the page shows the errors that they raise."""
 
     @property
     def status(self) -> LoopStatus:
-        """As it was at its last command to the drives, with the force as it is now; returns at once."""
+        """State at the last command to the drives, with the present force; returns immediately."""
         ...
 
     def mark_start(self) -> None:
-        """The path begins where the drives are now."""
+        """Marks the present position of the drives as the start of the path."""
         ...
 
     def mark_goal(self) -> None:
-        """The path ends where the drives are now."""
+        """Marks the present position of the drives as the end of the path."""
         ...
 
     def start(self) -> None:
-        """Begin a run."""
+        """Begins a run."""
         ...
 
     def retract(self) -> None:
-        """End the run: back to the marked start."""
+        """Ends the run: the drives go back to the marked start."""
         ...
 
     def stop(self) -> None:
-        """Brake now, and stay until `release`. Waits for nothing that may be busy for long."""
+        """Brakes now and keeps the drives still until `release`. Does not wait for other threads."""
         ...
 
     def release(self) -> None:
-        """After a stop commands count again; nothing moves before the next one."""
+        """Accepts commands again after a stop; nothing moves before the next command."""
         ...

@@ -1,10 +1,10 @@
-"""Numbers of the page's JSON: short, and null where they are not known."""
+"""Numbers of the page's JSON: short, and null if they are not known."""
 
 import math
 
 
 def number(value: float, digits: int = 5) -> float | None:
-    """Rounded, or None where it is not finite.
+    """Returns ``value`` rounded to ``digits`` decimals, or None if it is not finite.
 
     >>> number(0.1234567), number(float("nan"))
     (0.12346, None)

@@ -1,4 +1,4 @@
-"""Files as if they happened now: events at the pace of their own stamps."""
+"""Plays files as a live source: each event comes at the time of its own stamp."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -8,20 +8,24 @@ from typing import Self
 from ..errors import InputError
 from ..types import Clock, Event, Frame, SessionInfo, Source, SystemClock
 
-_BEHIND_NS = 50_000_000
-"""Who reads a file this much too late plays it slower from then on: a camera that is read too late sends on, a file
-waits."""
-_GAP_NS = 33_000_000
-"""Time between the last frame of a file and the first one of the next round, where the file does not tell its rate."""
+MAX_BEHIND_NS = 50_000_000
+"""A reader that is later than this delays the file from then on. A camera would continue; a file waits."""
+REPEAT_GAP_NS = 33_000_000
+"""Time between the last frame of a file and the first one of its repetition, if the file does not state its rate."""
 
 
 class PacedSource:
     """A video, a folder of images or a recording as a live source.
 
-    Each event comes when the time since the first one has passed, its stamp moved to ``clock``: mid-exposure is when
-    it comes. On a computer that is too slow for it the file plays slower. ``rate_hz`` replaces the stamps of a file
-    whose images have none, or are to come faster or slower; other events then come with the frame before them.
-    ``loop``: the file begins again at its end, the stamps go on. ``file``: what is played.
+    Each event comes when the time since the first one has passed, and its stamp is mapped to ``clock``: mid-exposure is
+    the time at which it comes. On a computer that is too slow the file plays more slowly.
+
+    Args:
+        source: the file, as a source; available as ``file``.
+        clock: clock of the engine; by default the machine's monotonic clock.
+        rate_hz: replaces the stamps of a file whose images have none, or that shall play faster or more slowly; other
+            events then come with the frame before them.
+        loop: whether the file begins again after its end; the stamps continue to increase.
     """
 
     def __init__(
@@ -33,7 +37,7 @@ class PacedSource:
 
     @property
     def session_info(self) -> SessionInfo:
-        """That of the file."""
+        """Session metadata of the file."""
         return self.file.session_info
 
     def __iter__(self) -> Iterator[Event]:
@@ -45,9 +49,9 @@ class PacedSource:
                 if isinstance(event, Frame) and last_ns is not None and at_ns > last_ns:
                     step_ns = at_ns - last_ns
                 last_ns = at_ns if isinstance(event, Frame) else last_ns
-                newest_ns = max(newest_ns, at_ns)  # streams of a recording are in order each, not together
+                newest_ns = max(newest_ns, at_ns)  # each stream of a recording is in order, all together are not
                 behind_ns = self.clock.now_ns() - (start_ns + newest_ns)
-                start_ns += behind_ns if behind_ns > _BEHIND_NS else 0
+                start_ns += behind_ns if behind_ns > MAX_BEHIND_NS else 0
                 stamp_ns = start_ns + at_ns
                 self.clock.sleep_until_ns(stamp_ns)
                 yield replace(event, stamp_ns=stamp_ns)
@@ -55,10 +59,10 @@ class PacedSource:
                 return
             if last_ns is None:
                 raise InputError(f"{getattr(self.file, 'path', self.session_info.name)}: holds no frame to loop")
-            start_ns = max(start_ns + last_ns + (step_ns or _GAP_NS), self.clock.now_ns())
+            start_ns = max(start_ns + last_ns + (step_ns or REPEAT_GAP_NS), self.clock.now_ns())
 
     def _timed(self) -> Iterator[tuple[Event, int]]:
-        """Events with the time since the first of them."""
+        """Yields events with the time since the first of them."""
         first_ns, frames = None, dict[str, int]()
         for event in self.file:
             if self._period_ns is not None:

@@ -1,4 +1,4 @@
-"""The source's thread: reads events, and opens a source again that failed."""
+"""Reads events on the thread of the source, and opens a source that failed again."""
 
 import logging
 import threading
@@ -11,7 +11,12 @@ _log = logging.getLogger(__name__)
 
 
 class SourceReader:
-    """Passes events to an intake until the source ends for good. ``end``: why; ``reconnects``: how often it failed."""
+    """Passes events to an intake until the source ends and is not opened again.
+
+    Attributes:
+        end: reason why the source ended; "" before that.
+        reconnects: number of times that the source was opened again.
+    """
 
     def __init__(
         self,
@@ -26,7 +31,7 @@ class SourceReader:
         self.end = ""
 
     def run(self) -> None:
-        """Returns when the source has ended and is not opened again, or at ``stop``."""
+        """Reads until the source has ended and is not opened again, or until ``stop`` is set."""
         first_wait_s, most = self._settings.reconnect_s, self._settings.max_reconnects
         wait_s, in_a_row = first_wait_s, 0
         while not self._stop.is_set():
@@ -47,7 +52,7 @@ class SourceReader:
             self.reconnects += 1
 
     def _read(self) -> tuple[str, bool]:
-        """Reads until the source ends or fails; returns why, and whether any event came."""
+        """Reads until the source ends or fails; returns the reason, and whether any event came."""
         worked = False
         try:
             with self._source as events:
@@ -58,7 +63,7 @@ class SourceReader:
                         worked = True
                         self._intake.restart()
                     self._intake.add(event, self._clock.now_ns())
-        except Exception as error:  # a driver is other people's code: whatever it raises is told, and it is tried again
+        except Exception as error:  # a driver is other people's code: report any error, and try again
             return f"the source failed: {type(error).__name__}: {error}", worked
         return _ENDED, worked
 

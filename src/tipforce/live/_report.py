@@ -1,4 +1,4 @@
-"""What a live run came to."""
+"""Summary of a live run."""
 
 import math
 from collections import Counter
@@ -12,13 +12,24 @@ from ._update import SinkHealth
 
 @dataclass(slots=True)
 class LiveReport:
-    """What a run came to.
+    """Summary of a run.
 
-    ``estimated``: frames with an answer, valid or not; ``valid``: of these; ``notices``: updates of the watchdog;
-    ``dropped``: frames that gave way to newer ones; ``unusable``: that were black, of another size, or the same as the
-    one before. Latencies from mid-exposure to the estimate, to within 2 %.
-    ``cpu_share``: of one core. ``end``: why the source ended, empty where the run was stopped. ``loop_runs``: the runs
-    of a loop that holds a force, in order.
+    Attributes:
+        seconds: duration of the run.
+        frames_in: number of frames of the first view that arrived.
+        estimated: number of frames with an estimate, valid or not.
+        valid: number of frames with a valid estimate.
+        notices: number of updates of the watchdog.
+        dropped: number of frames that were replaced by newer ones before they were estimated.
+        unusable: number of frames that were black, of another size, or the same as the one before.
+        reconnects: number of times that the source was opened again.
+        latency_p50_s: median latency from mid-exposure to the estimate, to within 2 %.
+        latency_p99_s: 99th percentile of that latency, to within 2 %.
+        cpu_share: processor time, as a share of one core.
+        statuses: number of estimates by status.
+        sinks: health of each sink at its end.
+        end: reason why the source ended; "" if the run was stopped.
+        loop_runs: runs of a loop that holds a force, in order.
     """
 
     seconds: float = 0.0
@@ -38,7 +49,7 @@ class LiveReport:
     loop_runs: Sequence[LoopRun] = ()
 
     def text(self) -> str:
-        """A few lines for people."""
+        """Returns a few lines for people."""
         p50, p99 = 1e3 * self.latency_p50_s, 1e3 * self.latency_p99_s
         counts = (
             f"{self.seconds:.1f} s: {self.frames_in} frames, {self.estimated} estimated, {self.valid} with a force, "
@@ -62,7 +73,7 @@ class LiveReport:
         return "\n".join([*lines, *([self.end] if self.end else [])])
 
     def figures(self) -> dict[str, Any]:
-        """All of it as JSON values; latencies in seconds."""
+        """Returns all values as JSON values; latencies are in seconds."""
         return {
             **{name: getattr(self, name) for name in self.__slots__ if name not in ("statuses", "sinks", "loop_runs")},
             "statuses": dict(self.statuses),

@@ -1,4 +1,4 @@
-"""One thread a sink: what hangs or raises there stops nobody else."""
+"""Runs each sink on a thread of its own: a sink that hangs or raises does not stop the others."""
 
 import logging
 import threading
@@ -13,12 +13,12 @@ from ._update import LiveUpdate, SinkHealth
 
 _log = logging.getLogger(__name__)
 
-_LOOK_S = 0.05
-"""So often it is looked whether a sink that is closing still gets on."""
+CHECK_INTERVAL_S = 0.05
+"""Interval at which it is checked whether a sink that is closing still works."""
 
 
 class SinkRunner:
-    """Feeds one sink. ``offer`` never waits."""
+    """Feeds one sink. ``offer`` does not wait for the sink."""
 
     def __init__(
         self,
@@ -42,15 +42,15 @@ class SinkRunner:
 
     @property
     def name(self) -> str:
-        """Of the sink."""
+        """Name of the sink."""
         return self.sink.name
 
     def start(self) -> None:
-        """Begin to feed the sink."""
+        """Begins to feed the sink."""
         self._thread.start()
 
     def offer(self, update: LiveUpdate) -> None:
-        """An update for the sink. A full slot gives way to the newest; of a full queue the newest is dropped."""
+        """Offers an update. It replaces the one in a full slot; if a queue is full, the offered update is dropped."""
         with self._new:
             if self._ended:
                 return
@@ -63,21 +63,21 @@ class SinkRunner:
             self._new.notify()
 
     def health(self, now_ns: int) -> SinkHealth:
-        """How the sink does."""
+        """Returns the health of the sink at ``now_ns``."""
         since = self._busy_since_ns
         hung = since is not None and now_ns - since > self._settings.hung_s * 1e9
         return SinkHealth(self._taken, self._dropped, self._failures, hung, self._ended, self._message)
 
     def ask_to_close(self) -> None:
-        """The sink takes what waits for it, then ends."""
+        """Requests the end: the sink takes the waiting updates, then ends."""
         with self._new:
             self._closing = True
             self._new.notify()
 
     def wait_closed(self) -> bool:
-        """Waits for the end as long as the sink gets on; False where it hangs."""
+        """Waits for the end while the sink works; returns False if it hangs."""
         while self._thread.is_alive() and not self.health(self._clock.now_ns()).hung:
-            self._thread.join(_LOOK_S)
+            self._thread.join(CHECK_INTERVAL_S)
         return not self._thread.is_alive()
 
     def _serve(self) -> None:
@@ -99,7 +99,7 @@ class SinkRunner:
             except InputError as error:
                 self._end(str(error))
                 return
-            except Exception as error:  # a sink is other people's code: whatever it raises, the others go on
+            except Exception as error:  # a sink is other people's code: after any error the other sinks continue
                 self._failures += 1
                 self._message = f"{type(error).__name__}: {error}"
                 _log.warning("sink %s failed: %s", self.name, self._message)
@@ -111,7 +111,7 @@ class SinkRunner:
         self._close()
 
     def _end(self, why: str) -> None:
-        """The sink failed in a way that starting it again does not mend."""
+        """Ends a sink that failed in such a way that starting it again would fail, too."""
         with self._new:
             self._ended = True
             self._dropped += len(self._queue)
@@ -132,7 +132,7 @@ class SinkRunner:
             return self._queue.popleft()
 
     def _pause(self, seconds: float) -> bool:
-        """Waits; True where the run ends meanwhile. What came during the wait is old, and only a queue keeps it."""
+        """Waits; returns True if the run ends meanwhile. Only a queue keeps the updates that come during the wait."""
         self._busy_since_ns = None
         with self._new:
             return self._new.wait_for(lambda: self._closing, seconds)

@@ -1,4 +1,4 @@
-"""The catheter's shape for who looks on, where the method itself detects none (a network)."""
+"""Detects the shape of the catheter for page and recording if the method (a network) does not detect it."""
 
 import math
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,10 +17,10 @@ from ..vision import (
 
 
 class ShapeFinder:
-    """Detects the catheter in the images of one view, from when its first images have resolved how.
+    """Detects the catheter in the images of one view, after the first images have resolved the settings.
 
-    Detection takes a tenth of a millisecond. Resolving it takes up to a second, on a thread of its own; images that
-    come meanwhile are left out of it.
+    Detection takes a tenth of a millisecond. Resolving the settings takes up to a second, on a thread of its own;
+    images that come meanwhile are not used for it.
     """
 
     def __init__(self, view: str, info: SessionInfo) -> None:
@@ -32,16 +32,18 @@ class ShapeFinder:
         self._detector: ShapeDetector | None = None
 
     def find(self, image: Image, advance_mm: float = 0.0) -> DetectedShape | None:
-        """The shape in ``image``, or why there is none; None while it is not resolved.
+        """Returns the shape in ``image``, or the reason why none is detected; None before the settings are resolved.
 
-        ``advance_mm``: how far the clamp has been advanced, which is followed where the scale is known.
+        Args:
+            image: the image (h, w) or (h, w, 3).
+            advance_mm: advance of the clamp; the image is shifted by it if the scale is known.
         """
         task = self._task
         if task is not None and task.done() and (found := task.result()) is not None:
             self._detector = ShapeDetector(found)
             self._side = found.base_side
         if not math.isfinite(advance_mm):
-            return None  # nobody knows where the base lies
+            return None  # the position of the base is not known
         advance_px = 0 if self._scale is None else round(1e-3 * advance_mm / self._scale)
         from_clamp = image_from_clamp(image, self._side, advance_px)
         if task is None or task.done():
@@ -51,5 +53,5 @@ class ShapeFinder:
         return self._detector.detect(from_clamp).moved(advance_px * np.array(INWARD[self._side]))
 
     def close(self) -> None:
-        """No image comes any more."""
+        """Ends the detector: no image comes any more."""
         self._pool.shutdown(wait=False, cancel_futures=True)

@@ -1,4 +1,4 @@
-"""Where updates go: the face of a sink."""
+"""The interface of a sink, which takes updates."""
 
 from typing import Protocol
 
@@ -9,27 +9,27 @@ from ._update import LiveUpdate
 class Sink(Protocol):
     """Takes updates: a page, a recording, a stream to another program, a controller.
 
-    Each sink runs on a thread of its own. What it does there stops nobody else: while it is busy, its newest update
-    waits (``keeps_all`` False), or up to a bounded number of them (True); the others are dropped and counted.
+    Each sink runs on a thread of its own and cannot stop the others. While it is busy, its newest update waits
+    (``keeps_all`` False), or up to a bounded number of updates (True); the others are dropped and counted.
     """
 
     name: str
-    """What health and reports call it."""
+    """Name of the sink in health and reports."""
     keeps_all: bool
-    """True: a bounded queue, in order. False: the newest alone."""
+    """True: a bounded queue, in order. False: only the newest update."""
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Called before the first update, and again after an error."""
+        """Starts the sink; called before the first update, and again after an error."""
         ...
 
     def put(self, update: LiveUpdate) -> None:
-        """One update; may block or raise.
+        """Takes one update; may block or raise.
 
-        After an error the sink is closed and started again, later and later; after an `InputError` it is not, for that
-        would fail again.
+        After an error the sink is closed and started again, after a wait that grows. After an `InputError` it is not
+        started again, because that would fail, too.
         """
         ...
 
     def close(self) -> None:
-        """Called at the end and after each error; may be called more than once."""
+        """Closes the sink; called at the end and after each error, and possibly more than once."""
         ...

@@ -1,4 +1,4 @@
-"""What the live engine publishes: an estimate with its images, its age, the contact and the health of the run."""
+"""The updates of the live engine: an estimate with its images, its age, the contact and the health of the run."""
 
 import math
 import time
@@ -12,16 +12,21 @@ from ..types import MAX_AGE_S, FloatArray, ForceEstimate, Image, Status, frozen
 
 CameraState = Literal["waiting", "running", "late", "frozen", "black", "wrong_size", "lost"]
 CAMERA_STATES: tuple[CameraState, ...] = ("waiting", "running", "late", "frozen", "black", "wrong_size", "lost")
-"""No image yet; images come; they are too old; the same one comes again and again; nothing is on them; their size
-changed; the source ended, failed or is silent for seconds. Of several cameras the state is that of the worst."""
+"""No image yet; images come; they are too old; the same image comes repeatedly; images are black; their size changed;
+the source ended, failed or has sent nothing for seconds. Of several cameras the worst state is reported."""
 
 
 @dataclass(frozen=True, slots=True)
 class SinkHealth:
-    """How one sink does.
+    """Health of one sink.
 
-    ``failures`` counts what it raised; ``hung``: it has been busy with one update for seconds; ``ended``: it failed in
-    a way that starting it again does not mend, such as a full disk.
+    Attributes:
+        taken: number of updates that it took.
+        dropped: number of updates that were dropped.
+        failures: number of errors that it raised.
+        hung: whether it has been busy with one update for seconds.
+        ended: whether it failed in such a way that starting it again does not help, for example because a disk is full.
+        message: reason of the last failure, or "".
     """
 
     taken: int = 0
@@ -34,13 +39,19 @@ class SinkHealth:
 
 @dataclass(frozen=True, slots=True)
 class LiveHealth:
-    """How the run does.
+    """Health of the run.
 
-    ``frames_per_s``: of the first view, as they arrive, over the last second. ``frames_in``: so many arrived.
-    ``dropped``: so many gave way to a newer one before the estimator took them. ``latency_p50_s`` and
-    ``latency_p99_s``: from mid-exposure to the estimate, over the last 10 s; NaN without any. ``reconnects``: so often
-    the source was opened again. ``message``: one sentence where something is not as it should be, else empty.
-    ``starting``: no image has been estimated yet.
+    Attributes:
+        frames_per_s: rate at which frames of the first view arrived in the last second.
+        frames_in: number of frames of the first view that arrived.
+        dropped: number of frames that were replaced by a newer one before the estimator took them.
+        latency_p50_s: median latency from mid-exposure to the estimate in the last 10 s; NaN without an estimate.
+        latency_p99_s: 99th percentile of that latency.
+        camera: state of the cameras.
+        reconnects: number of times that the source was opened again.
+        message: one sentence that states the fault, or "".
+        starting: whether no image has been estimated yet.
+        sinks: health of each sink.
     """
 
     frames_per_s: float = 0.0
@@ -57,15 +68,20 @@ class LiveHealth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Zero:
-    """What the operator's zero button subtracts from every estimate since.
+    """The force that is subtracted from every estimate since the operator pressed the zero button.
 
-    ``offset_n`` (3,): force that was read then, base frame; components that the method left unknown are NaN, and
-    nothing is subtracted from them.
-    ``magnitude_n``: its magnitude. ``since_ns``: when, on the engine's clock; ``since_unix_s``: the same in seconds
-    since 1970. ``by``: who pressed it, as the page says it. ``confirmed``: whether it was pressed although the tip may
-    have been in contact. ``contact``: probability of contact that the method stated then, NaN from methods that state
-    none. ``drift_n``: magnitude that is read now at moments without contact, NaN while there was none since; only a
-    method that states the probability of contact knows such moments. ``drift_ns``: the last of them.
+    Attributes:
+        offset_n: (3,) the subtracted force, base frame; components that the method did not estimate are NaN, and
+            nothing is subtracted from them.
+        magnitude_n: magnitude of the subtracted force.
+        since_ns: time at which the button was pressed, on the engine's clock.
+        since_unix_s: the same time in seconds since 1970.
+        by: name of the page or person that pressed it.
+        confirmed: whether it was pressed although the tip may have been in contact.
+        contact: probability of contact that the method stated at that time; NaN if it states none.
+        drift_n: magnitude of the estimates in moments without contact since then; NaN if there was no such moment. Only
+            for methods that state the probability of contact.
+        drift_ns: time of the last such moment, on the engine's clock.
     """
 
     offset_n: FloatArray
@@ -84,16 +100,23 @@ class Zero:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveUpdate:
-    """One output of the engine: of a frame, or a notice of the watchdog.
+    """One output of the engine: an estimate for a frame, or a notice of the watchdog. Read-only, shared by all sinks.
 
-    ``number`` counts from 0 and never goes back. ``estimate``: invalid where the camera is late, lost, frozen or black.
-    ``clinical``: the contact with it. ``frames``: view -> image that the estimate is of; empty for a notice. Its shape
-    is ``estimate.shape``. ``captured_ns``: mid-exposure, of a notice that of the last image, or the earliest time at
-    which it can have been where the driver states a bound; ``published_ns``: when the estimate was ready; both on the
-    engine's clock. ``published_unix_ns``: the same in nanoseconds since 1970 by this machine's clock. ``max_age_s``:
-    age of the image at which the estimate expires. ``zero``: what was subtracted, None before the button is pressed.
-    ``integral_running``: whether the force-time integral of ``clinical`` counts; before its start it is 0, after its
-    stop it stays. Read-only, and shared by all sinks.
+    Attributes:
+        number: counts from 0 and never decreases.
+        estimate: the estimate after the zero was subtracted, with the detected shape; invalid if the camera is late,
+            lost, frozen or black.
+        clinical: contact state after this estimate.
+        frames: view -> image of the estimate; empty for a notice.
+        captured_ns: mid-exposure on the engine's clock; the earliest possible time where the driver states a bound. Of
+            a notice, that of the last image.
+        published_ns: time at which the estimate was ready, on the engine's clock.
+        health: health of the run.
+        zero: the subtracted force; None before the button is pressed.
+        integral_running: whether the force-time integral of ``clinical`` runs; before its start it is 0, after its stop
+            it is constant.
+        max_age_s: age of the image at which the estimate expires.
+        published_unix_ns: ``published_ns`` in nanoseconds since 1970 by this machine's clock.
     """
 
     number: int
@@ -110,7 +133,7 @@ class LiveUpdate:
 
     @property
     def expires_ns(self) -> int:
-        """When the estimate is no longer valid, on the engine's clock."""
+        """Time from which the estimate is no longer valid, on the engine's clock."""
         return self.captured_ns + round(self.max_age_s * 1e9)
 
     @property
@@ -119,7 +142,7 @@ class LiveUpdate:
         return self.published_unix_ns - (self.published_ns - self.captured_ns)
 
     def as_of(self, now_ns: int) -> "LiveUpdate":
-        """What the update says at ``now_ns`` of the engine's clock: no force once it has expired."""
+        """Returns the update as it is at ``now_ns`` on the engine's clock: without a force if it has expired."""
         if not self.estimate.valid or now_ns <= self.expires_ns:
             return self
         age_ms = (now_ns - self.captured_ns) * 1e-6
@@ -130,5 +153,5 @@ class LiveUpdate:
 
     @property
     def latency_s(self) -> float:
-        """From mid-exposure to the output; of a notice, the age of the last image."""
+        """Time from mid-exposure to the output; of a notice, the age of the last image."""
         return (self.published_ns - self.captured_ns) * 1e-9

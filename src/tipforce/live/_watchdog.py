@@ -1,4 +1,4 @@
-"""The one rule by which an image, and with it a force, is no longer valid."""
+"""The one rule that decides whether an image, and with it a force, is still valid."""
 
 import statistics
 from collections import deque
@@ -10,32 +10,32 @@ from ..types import MAX_AGE_S, Image
 from ._settings import LiveSettings
 from ._update import CAMERA_STATES, CameraState
 
-_INTERVALS = 16
-"""The period is the median of so many last intervals between images: neither a slow start nor a pause changes it."""
-_AHEAD_NS = 10_000_000
-"""A stamp may be so far ahead of the engine's clock: two threads that read the same clock."""
-_SAMPLE = 8
-"""Every eighth row and column tell whether an image is black, and mostly whether it differs from the one before."""
+PERIOD_INTERVALS = 16
+"""The period is the median of this number of last intervals: a slow start or a pause does not change it."""
+MAX_AHEAD_NS = 10_000_000
+"""A stamp may be ahead of the engine's clock by this, because two threads read the same clock."""
+GRID_STEP_PX = 8
+"""A grid of every eighth row and column shows whether an image is black, and mostly whether it is a new one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Why there is no valid force: the state of a camera and one sentence."""
+    """Reason why there is no valid force: the state of a camera and one sentence."""
 
     camera: CameraState
     message: str
 
 
 def worst(faults: list[Fault]) -> Fault | None:
-    """Returns the fault that is reported, of several; None without any."""
+    """Returns the worst of several faults, which is reported; None without a fault."""
     return max(faults, key=lambda fault: CAMERA_STATES.index(fault.camera), default=None)
 
 
 class CameraWatch:
-    """Watches one view. Only an image that is new, not black and of the right size keeps its value valid.
+    """Watches one view. Only an image that is new, not black and of the right size keeps the estimate valid.
 
-    Times are on the engine's clock. A single image twice is no fault yet: the value before it stays valid as long as
-    its own age allows. A black image, or one of another size, ends it at once.
+    Times are on the engine's clock. One repeated image is not a fault yet: the estimate before it stays valid until it
+    expires. A black image, or an image of another size, ends it immediately.
     """
 
     def __init__(self, view: str, settings: LiveSettings) -> None:
@@ -48,21 +48,31 @@ class CameraWatch:
         self._got = ""
         self._ahead_ns = 0
         self._stamp_ns: int | None = None
-        self._intervals: deque[int] = deque(maxlen=_INTERVALS)
+        self._intervals: deque[int] = deque(maxlen=PERIOD_INTERVALS)
 
     def restart(self) -> None:
-        """The source was opened again: its rate and stamps are unknown; the size must be what it was."""
+        """Forgets rate and stamps after the source was opened again; the size must stay the same."""
         self._stamp_ns, self._last = None, None
         self._intervals.clear()
 
     def see(self, image: Image, stamp_ns: int, captured_ns: int, now_ns: int) -> CameraState:
-        """An image that arrives now; returns "running", or what is wrong with it."""
+        """Checks an image that arrives now.
+
+        Args:
+            image: the image.
+            stamp_ns: stamp of the image, on the source's clock.
+            captured_ns: mid-exposure, on the engine's clock.
+            now_ns: present time, on the engine's clock.
+
+        Returns:
+            "running", or the fault of the image.
+        """
         self._arrived_ns = now_ns
         if self._stamp_ns is not None and stamp_ns > self._stamp_ns:
             self._intervals.append(stamp_ns - self._stamp_ns)
         self._stamp_ns = stamp_ns
         self._ahead_ns = max(0, captured_ns - now_ns)
-        self._verdict = "late" if self._ahead_ns > _AHEAD_NS else self._judge(image)
+        self._verdict = "late" if self._ahead_ns > MAX_AHEAD_NS else self._judge(image)
         self._last = image
         if self._verdict == "running":
             self._fresh_ns = captured_ns
@@ -76,24 +86,24 @@ class CameraWatch:
 
     @property
     def period_s(self) -> float:
-        """Median time between the last images, seconds; 0 before the second one."""
-        intervals = tuple(self._intervals)  # another thread adds to them, and clears them where the source is reopened
+        """Median time between the last images in seconds; 0 before the second one."""
+        intervals = tuple(self._intervals)  # another thread adds and, when the source is reopened, clears them
         return statistics.median(intervals) * 1e-9 if intervals else 0.0
 
     @property
     def fresh_ns(self) -> int | None:
-        """Mid-exposure of the last image that was good."""
+        """Mid-exposure of the last good image; None before the first one."""
         return self._fresh_ns
 
     @property
     def deadline_ns(self) -> int | None:
-        """When the last good image is stale; None where there is none, or a fault that ends it already."""
+        """Time at which the last good image becomes stale; None without one, or if a fault has ended it already."""
         if self._fresh_ns is None or self._verdict in ("black", "wrong_size", "late"):
             return None
         return self._fresh_ns + self.limit_ns
 
     def fault(self, now_ns: int) -> Fault | None:
-        """What is wrong at this time."""
+        """Returns the fault at ``now_ns``; None without a fault."""
         view = self.view
         if self._arrived_ns is None:
             return Fault("waiting", f"no image of the view {view} has come yet")
@@ -131,11 +141,11 @@ class CameraWatch:
         if image.shape != self._shape:
             self._got = _size(image.shape)
             return "wrong_size"
-        few = image[::_SAMPLE, ::_SAMPLE]
-        if float(np.percentile(few, 99)) <= self._settings.black_level:
+        grid = image[::GRID_STEP_PX, ::GRID_STEP_PX]
+        if float(np.percentile(grid, 99)) <= self._settings.black_level:
             return "black"
         last = self._last
-        if last is None or last.shape != image.shape or not np.array_equal(last[::_SAMPLE, ::_SAMPLE], few):
+        if last is None or last.shape != image.shape or not np.array_equal(last[::GRID_STEP_PX, ::GRID_STEP_PX], grid):
             return "running"
         return "frozen" if np.array_equal(last, image) else "running"
 

@@ -1,4 +1,4 @@
-"""The operator's zero button: the force that is read now is subtracted from then on, and every update says so."""
+"""The zero button: subtracts the force at the time of pressing from all later estimates; every update states it."""
 
 import math
 import time
@@ -13,48 +13,49 @@ from ..units import newtons_to_grams
 from ._settings import LiveSettings
 from ._update import Zero
 
-_MOST, _FEWEST = 512, 3
-"""Estimates that are remembered, and those that a zero needs at least."""
-_NO_CONTACT = 0.05
-"""A method that states a lower probability of contact reads its own error, and nothing else. `pretrained/compact` on
+MAX_ESTIMATES, MIN_ESTIMATES = 512, 3
+"""Largest number of estimates that are kept, and least number that a zero needs."""
+MAX_CONTACT_PROBABILITY = 0.05
+"""Below this probability of contact the method reads only its own error. `pretrained/compact` on
 bench-2021, seed 0, states 0.006 to 0.057 where it reads below 3 mN, and 0.90 or more above 50 mN."""
-_SAME_N = 0.01
-"""A zero that was confirmed may differ by so much from the one that is taken: below it a force is no contact."""
-_DRIFT_S = 1.0
-"""Time over which such readings are averaged, for their noise is no drift."""
+CONFIRMATION_TOLERANCE_N = 0.01
+"""A confirmed zero may differ from the present one by this; a smaller force is not a contact."""
+DRIFT_AVERAGE_S = 1.0
+"""Time over which estimates without contact are averaged, because their noise is not drift."""
 
 
 class ZeroButton:
-    """Subtracts from estimates what was read when it was pressed.
+    """Subtracts the force at the time of pressing from all later estimates.
 
-    How much of that was an error of the zero, and how much a real force, is not known. So the 90 % intervals span both:
-    that of the force as it was read, and the same less the zero. Alarm, limit and safety layer act on the upper end,
-    which a zero therefore never lowers.
+    It is not known which part of that force was an error of the zero and which part was real. So the 90 % intervals
+    span
+    both: the interval of the force as it was estimated, and the same interval less the zero. Alarm, limit and safety
+    layer act on the upper end, which a zero therefore never lowers.
     """
 
     def __init__(self, settings: LiveSettings) -> None:
         self._settings = settings
-        self._recent: deque[tuple[int, ForceEstimate]] = deque(maxlen=_MOST)
+        self._recent: deque[tuple[int, ForceEstimate]] = deque(maxlen=MAX_ESTIMATES)
         self._zero: Zero | None = None
         self._drift: FloatArray | None = None
 
     @property
     def zero(self) -> Zero | None:
-        """What is subtracted; None before the button is pressed."""
+        """The subtracted force; None before the button is pressed."""
         return self._zero
 
     def clear(self) -> None:
-        """Subtract nothing any more, as after the method began anew."""
+        """Removes the zero and forgets the last estimates, for example after the method was started again."""
         self._recent.clear()
         self._zero = self._drift = None
 
     def press(self, now_ns: int, *, by: str = "", confirmed_n: float | None = None) -> Zero:
-        """Takes the mean of the last ``zero_s`` as zero.
+        """Takes the mean of the estimates of the last ``zero_s`` seconds as zero.
 
         Args:
-            now_ns: on the engine's clock.
-            by: who pressed it.
-            confirmed_n: the magnitude that somebody agreed to subtract, though the tip may be in contact.
+            now_ns: present time, on the engine's clock.
+            by: name of the person or page that pressed the button.
+            confirmed_n: the magnitude that a person agreed to subtract although the tip may be in contact.
 
         Raises:
             InputError: too few estimates were valid, or they are too large to be an error of the zero.
@@ -62,9 +63,10 @@ class ZeroButton:
         """
         since_ns = now_ns - round(self._settings.zero_s * 1e9)
         taken = [estimate for at_ns, estimate in self._recent if at_ns >= since_ns]
-        if len(taken) < _FEWEST:
+        if len(taken) < MIN_ESTIMATES:
             raise InputError(
-                f"no zero: {len(taken)} valid estimates in the last {self._settings.zero_s:g} s; expected {_FEWEST}"
+                f"no zero: {len(taken)} valid estimates in the last {self._settings.zero_s:g} s; "
+                f"expected {MIN_ESTIMATES}"
             )
         values = np.mean([_vector(estimate) for estimate in taken], axis=0)
         magnitude_n = float(np.linalg.norm(values))
@@ -75,7 +77,7 @@ class ZeroButton:
                 f"{newtons_to_grams(most_n):.0f} g; take the tip off the tissue first"
             )
         free = self._free(taken, magnitude_n)
-        if not free and (confirmed_n is None or abs(magnitude_n - confirmed_n) > _SAME_N):
+        if not free and (confirmed_n is None or abs(magnitude_n - confirmed_n) > CONFIRMATION_TOLERANCE_N):
             raise ZeroInContactError(
                 f"the tip may be in contact: {newtons_to_grams(magnitude_n):.1f} g ({1e3 * magnitude_n:.0f} mN) would "
                 "be subtracted from every force from now on; take the tip off the tissue first, or confirm it",
@@ -90,14 +92,14 @@ class ZeroButton:
         return self._zero
 
     def _free(self, taken: list[ForceEstimate], magnitude_n: float) -> bool:
-        """Whether the tip touches nothing: by the probability of contact, or by the force where none is stated."""
+        """Whether the tip has no contact: by the stated probability of contact, or by the force if none is stated."""
         stated = [estimate.contact for estimate in taken]
         if any(math.isnan(contact) for contact in stated):
             return magnitude_n <= self._settings.contact.contact_n
-        return max(stated) < _NO_CONTACT
+        return max(stated) < MAX_CONTACT_PROBABILITY
 
     def apply(self, estimate: ForceEstimate, now_ns: int) -> ForceEstimate:
-        """Remembers an estimate as the method gave it; returns it with the zero subtracted."""
+        """Keeps an estimate of the method, and returns it with the zero subtracted."""
         if not estimate.valid:
             return self._widened(estimate)
         self._recent.append((now_ns, estimate))
@@ -127,7 +129,7 @@ class ZeroButton:
         )
 
     def _widened(self, estimate: ForceEstimate) -> ForceEstimate:
-        """Widens an abstained interval so that it spans the force with and without the zero, in whatever direction."""
+        """Widens an abstained interval so that it spans the force with and without the zero in any direction."""
         low, high = estimate.abstained_interval_n
         if self._zero is None or math.isnan(high):
             return estimate
@@ -142,16 +144,16 @@ class ZeroButton:
     def _follow_drift(self, estimate: ForceEstimate, left: FloatArray, now_ns: int) -> None:
         zero = self._zero
         assert zero is not None
-        if not estimate.contact < _NO_CONTACT:
+        if not estimate.contact < MAX_CONTACT_PROBABILITY:
             return
         if self._drift is None or zero.drift_ns is None:
             self._drift = left
         else:
-            weight = min(1.0, (now_ns - zero.drift_ns) * 1e-9 / _DRIFT_S)
+            weight = min(1.0, (now_ns - zero.drift_ns) * 1e-9 / DRIFT_AVERAGE_S)
             self._drift = self._drift + weight * (left - self._drift)
         self._zero = replace(zero, drift_n=float(np.linalg.norm(self._drift)), drift_ns=now_ns)
 
 
 def _vector(estimate: ForceEstimate) -> FloatArray:
-    """(k,) known components, or (1,) the magnitude where the method yields no components."""
+    """Returns the (k,) known components, or the (1,) magnitude if the method estimates no components."""
     return estimate.force_n[estimate.known] if estimate.known.any() else np.array([estimate.magnitude_n])

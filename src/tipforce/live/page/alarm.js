@@ -1,10 +1,10 @@
-// When there is an alarm, and how it sounds. In the habits of IEC 60601-1-8 for high priority; no conformity is claimed.
+// Decides when there is an alarm, and its sound. Modelled on IEC 60601-1-8, high priority; no conformity is claimed.
 
 import { passesLimit } from "./judge.js";
 
 export const AUDIO_PAUSE_MS = 120_000;
-const LEAST_MS = 1000; // an alarm that has begun stays for so long, so that a swing about the limit does not flicker
-const HELD_MS = 60_000; // one whose force was lost sight of stays for so long: nobody knows that it is over
+const LEAST_MS = 1000; // shortest alarm, so that it does not flicker when the force oscillates about the limit
+const HELD_MS = 60_000; // an alarm whose force is no longer known stays for this time, because its end is not known
 
 const PULSE_S = 0.15;
 const SPACE_S = 0.1;
@@ -47,7 +47,7 @@ export class Alarm {
     this.#pausedUntilMs = this.pausedFor(nowMs) ? -Infinity : nowMs + AUDIO_PAUSE_MS;
   }
 
-  /** Milliseconds that the audio pause still lasts; 0: there is none. */
+  /** Remaining time of the audio pause in ms; 0 without a pause. */
   pausedFor(nowMs) {
     return Math.max(0, this.#pausedUntilMs - nowMs);
   }

@@ -1,4 +1,4 @@
-// What the canvases share: sharp at any pixel density, colours from the style sheet.
+// Functions of all canvases: sharp at any pixel density, colours from the style sheet.
 
 /** A canvas as large as it is shown. @returns the context in CSS pixels, with width and height */
 export function fit(canvas) {
@@ -41,7 +41,7 @@ export function hatch(context, left, top, width, height, colour, step) {
   context.lineWidth = 1.5;
   context.globalAlpha = 0.6;
   context.beginPath();
-  const first = Math.floor((left - height) / step) * step; // the hatching moves with what it lies on, not with its edge
+  const first = Math.floor((left - height) / step) * step; // the hatching moves with the drawing, not with its edge
   for (let x = first; x < left + width; x += step) {
     context.moveTo(x, top + height);
     context.lineTo(x + height, top);

@@ -1,18 +1,18 @@
 // The engine's clock as this page knows it, from pings. Ages are upper ends: never younger than the truth.
 
-const KEPT_MS = 30_000; // an older ping says little: clocks drift by some 50 ms in a thousand seconds
-const EARLIEST_MS = 20; // rounding, and what clocks drift between pings
-const TRUSTED_MS = 4_000; // after so long without an answer nothing is known of the engine's clock
+const KEPT_MS = 30_000; // older pings are dropped: clocks drift by about 50 ms in a thousand seconds
+const EARLIEST_MS = 20; // rounding, and the drift of the clocks between pings
+const TRUSTED_MS = 4_000; // after this time without an answer the engine's clock is not known
 
 export class EngineClock {
-  #samples = []; // {at, low, high}: engine time minus page time lies between low and high
-  #answeredAt = -Infinity; // on the wall clock: the page's own one stands still while the computer sleeps
+  #samples = []; // {at, low, high}: engine time minus page time is between low and high
+  #answeredAt = -Infinity; // on the wall clock: the page's own clock stops while the computer sleeps
 
   /** Takes the answer to a ping. All in ms: sent and received on this page's clock, stamped on the engine's. */
   answered(sentMs, receivedMs, stampedMs, wallMs = Date.now()) {
     const sample = { at: receivedMs, low: stampedMs - receivedMs, high: stampedMs - sentMs };
     const agrees = (other) => sample.low <= other.high + 1 && other.low <= sample.high + 1;
-    // One that contradicts: a clock has jumped, and what was known is no longer true.
+    // A sample that is not consistent with the others: a clock has jumped, and the older samples are no longer true.
     this.#samples = this.#samples.filter((other) => receivedMs - other.at < KEPT_MS);
     this.#samples = this.#samples.every(agrees) ? [...this.#samples, sample] : [sample];
     this.#answeredAt = wallMs;
@@ -29,9 +29,9 @@ export class EngineClock {
     return nowMs + Math.min(...this.#samples.map((sample) => sample.high));
   }
 
-  /** The oldest that what was captured then can be now, in ms; Infinity while that is not known. */
+  /** Largest possible age in ms of an image that was captured then; Infinity while it is not known. */
   age(capturedMs, nowMs = performance.now(), wallMs = Date.now()) {
     const age = this.latest(nowMs, wallMs) - capturedMs;
-    return age >= -EARLIEST_MS ? age : Infinity; // nothing comes from the future: the clock is not understood
+    return age >= -EARLIEST_MS ? age : Infinity; // an image from the future: the clock is not known
   }
 }

@@ -4,18 +4,18 @@ const FIRST_PINGS_MS = [0, 50, 150, 300];
 const PING_MS = 1000;
 const RETRY_MS = [250, 500, 1000, 2000];
 const REFUSED = 1013; // the code with which the server closes one page too many
-const SILENT_MS = 5000; // a socket that answers no ping for so long is dead, whatever the browser says
+const SILENT_MS = 5000; // a socket that answers no ping for this time is dead, also if the browser shows it as open
 
 export class Connection {
   #socket = null;
   #attempts = 0;
-  #waiting = new Map(); // id of a command -> what is to be done with its answer
+  #waiting = new Map(); // id of a command -> function that takes its answer
   #id = 0;
   #heardAt = 0;
   #display = null;
-  refused = ""; // why the server takes no page; it is asked again
+  refused = ""; // reason why the server rejects this page; the page tries again
 
-  /** @param {{frame, state, loop, pong, opened, closed}} on what to call */
+  /** @param {{frame, state, loop, pong, opened, closed}} on functions to call */
   constructor(on) {
     this.on = on;
     setInterval(() => this.#beat(), PING_MS);
@@ -39,7 +39,7 @@ export class Connection {
     };
     socket.onmessage = (event) => {
       this.#heardAt = performance.now();
-      this.#attempts = 0; // only now: a server that refuses a page opens its socket all the same
+      this.#attempts = 0; // only now: a server that rejects a page also opens its socket first
       this.refused = "";
       if (typeof event.data === "string") this.#answer(JSON.parse(event.data));
       else this.on.frame(event.data);

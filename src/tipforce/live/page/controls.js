@@ -1,4 +1,4 @@
-// Buttons, keys and dialogs: what an operator may do, and what came of it.
+// Buttons, keys and dialogs: the commands of an operator, and their results.
 
 import { forgetColours } from "./canvas.js";
 import { duration, grams, inGrams, roughly } from "./numbers.js";
@@ -21,7 +21,7 @@ export class Controls {
   #recordingSince = null;
   #noticeTimer = null;
 
-  /** @param app {connection, alarm, sound, state, update, verdict, view}: what the page holds; read at each use */
+  /** @param app {connection, alarm, sound, state, update, verdict, view}: state of the page; read at each use */
   constructor(app) {
     this.#app = app;
     const does = {
@@ -57,7 +57,7 @@ export class Controls {
     if (theme) this.#theme(theme);
   }
 
-  /** What the buttons say; called ten times a second. */
+  /** Updates the texts of the buttons; called ten times a second. */
   refresh(nowMs) {
     const { alarm, sound, state, update } = this.#app;
     const values = update?.values;
@@ -76,7 +76,7 @@ export class Controls {
     const { window_n: window, limit_n: limit } = state.contact;
     const [low, high, most] = [...window, limit].map((value) => grams(value).toFixed(0));
     say($("set-limits"), `${low}–${high}, alarm ${most} g`);
-    const lost = !this.#app.connection.open || Boolean(state.starting); // nobody would do what is asked for
+    const lost = !this.#app.connection.open || Boolean(state.starting); // nothing would execute a command
     for (const id of ["zero", "undo-zero", "integrate"]) $(id).disabled = lost;
     $("record").disabled = lost || !state.can_record;
     $("set-limits").disabled = lost || !state.can_set_limits;
@@ -176,8 +176,8 @@ export class Controls {
     for (const input of dialog.querySelectorAll("input")) {
       input.addEventListener("input", () => {
         const value = number(input.id);
-        const told = input.nextElementSibling.querySelector(".in-grams");
-        told.textContent = Number.isFinite(value) ? `= ${inGrams(value)} g` : "";
+        const output = input.nextElementSibling.querySelector(".in-grams");
+        output.textContent = Number.isFinite(value) ? `= ${inGrams(value)} g` : "";
       });
     }
     dialog.querySelector("[value=cancel]").addEventListener("click", () => dialog.close());
@@ -186,7 +186,7 @@ export class Controls {
       const wanted = [number("window-low"), number("window-high"), number("limit")];
       const error = dialog.querySelector(".error");
       if (!wanted.every((value) => Number.isFinite(value) && value > 0)) {
-        error.textContent = "expected three numbers above 0, in newtons";
+        error.textContent = "enter three numbers above 0, in newtons";
         return;
       }
       const answer = await this.#app.connection.ask({
@@ -204,7 +204,7 @@ function press(button, on) {
   button.setAttribute("aria-pressed", String(on));
 }
 
-// A browser may forbid storage: the page works without.
+// A browser may forbid storage: the page works without it.
 function readSetting(name) {
   try {
     return localStorage.getItem(`tipforce-${name}`);

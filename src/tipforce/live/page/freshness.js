@@ -1,4 +1,4 @@
-// What grows old disappears by itself. A veil with the word STALE lies over everything that is shown as live; each new
+// Old values disappear by themselves. A veil with the word STALE covers everything that is shown as live; each new
 // frame pushes it back for as long as the frame stays young. The browser's compositor moves it, not this script: it
 // falls in time even while the script is held up.
 
@@ -28,14 +28,14 @@ export class Veil {
     this.fall("CONNECTING", "", "…");
   }
 
-  /** Keeps the veil away for so long, in ms. */
+  /** Keeps the veil away for this time, in ms. */
   hold(remainingMs) {
     this.#say("STALE", "", "✕");
     this.#animation.currentTime = OLDEST_MS - remainingMs;
     if (this.#animation.playState !== "running") this.#animation.play();
   }
 
-  /** Lets the veil fall now, and says why. */
+  /** Lets the veil fall now, and shows the reason. */
   fall(title, detail, sign) {
     this.#say(title, detail, sign);
     if (this.#animation.playState !== "finished") this.#animation.finish();

@@ -1,9 +1,9 @@
-// What an update amounts to: the one word of the strip. Pure functions, without a page.
+// Judges an update: the title of the strip. Pure functions, without a page.
 
 import { OLDEST_MS } from "./freshness.js";
 import { seconds } from "./numbers.js";
 
-const NOTICE_MS = 1000; // a reason for "not valid" is shown for so long after it was published
+const NOTICE_MS = 1000; // a reason for "not valid" is shown for this time after it was published
 
 const REASONS = {
   no_catheter: "no catheter",
@@ -11,7 +11,7 @@ const REASONS = {
   not_a_function: "shape not described",
   missing_input: "missing input",
   out_of_distribution: "unlike the training images",
-  unobservable: "force cannot be told from the shape",
+  unobservable: "shape does not show the force",
   fold: "catheter folds",
   stale: "no new image",
 };
@@ -41,7 +41,7 @@ function kindOf(values, contact) {
 
 /**
  * @param {object|null} update the newest one, as readMessage gives it
- * @param {object} state what all pages show alike: window and limit, what the program does before the run begins
+ * @param {object} state state that all pages show: window and limit, work of the program before the run begins
  * @param {{open: boolean, refused: string}} connection refused: why the server takes no page, else empty
  * @param {{frame: number, notice: number}} age ms since capture and since publication
  * @returns {{kind: string, sign: string, title: string, detail: string, live: boolean}} live: numbers may be shown
@@ -61,15 +61,15 @@ export function judge(update, state, connection, age) {
     return dead("invalid", "✕", `NOT VALID: ${reason}`, values.detail);
   }
   if (!(age.frame <= OLDEST_MS) || values.status !== "valid") {
-    const told = Number.isFinite(age.frame) ? `the newest frame is ${seconds(age.frame)} old` : "age not known";
-    return dead("stale", "✕", "STALE", told);
+    const detail = Number.isFinite(age.frame) ? `the newest frame is ${seconds(age.frame)} old` : "age not known";
+    return dead("stale", "✕", "STALE", detail);
   }
   const kind = kindOf(values, state.contact);
   const [sign, title, detail] = KINDS[kind];
   return { kind, sign, title, detail, live: true };
 }
 
-/** For how long, in ms, what `judge` said stays true if nothing more arrives. */
+/** Time in ms for which the result of `judge` stays true if nothing more arrives. */
 export function holds(verdict, age) {
   return verdict.kind === "invalid" ? NOTICE_MS - age.notice : OLDEST_MS - age.frame;
 }

@@ -1,11 +1,11 @@
-// The loop that holds a force: what it does, and the operator's commands. There only where the program has drives.
+// The loop that holds a force: its state, and the operator's commands. Shown only if the program has drives.
 
 import { inGrams, inNewtons, NOTHING } from "./numbers.js";
 
 const CONFIRM_MS = 3000; // start is pressed a second time within this: something will move
-const UNHEARD_MS = 2500; // the state comes twice a second at least; older, it is not known
-const FORCE_MS = 1000; // no force is shown for longer after it was heard
-const ANSWER_MS = 1000; // a stop that is not answered within this is told as not confirmed
+const UNHEARD_MS = 2500; // the state comes at least twice a second; an older state is shown as not known
+const FORCE_MS = 1000; // a force is shown for this time after it arrived
+const ANSWER_MS = 1000; // a stop that is not answered within this time is shown as not confirmed
 
 const WORDS = {
   idle: ["○", "IDLE"],
@@ -19,8 +19,8 @@ const WORDS = {
 };
 const UNITS = { mm: [1, " mm"], deg: [0, "°"] }; // digits, and what follows them
 const ACTIONS = {
-  over_limit: "above the limit, or will be at once: drawn back",
-  coast: "no valid force for a moment: going on with what is known",
+  over_limit: "above the limit, or will be in a moment: drawn back",
+  coast: "no valid force for a moment: continues with the last force",
 };
 
 const $ = (id) => document.getElementById(id);
@@ -36,7 +36,7 @@ export class LoopPanel {
   #confirmUntil = -Infinity;
   #notice;
 
-  /** @param app what the page holds; @param {(text: string) => void} notice tells the operator */
+  /** @param app state of the page; @param {(text: string) => void} notice tells the operator */
   constructor(app, notice) {
     this.#app = app;
     this.#notice = notice;
@@ -57,7 +57,7 @@ export class LoopPanel {
     addEventListener("keyup", (event) => this.#stops(event) && event.preventDefault(), { capture: true });
   }
 
-  /** The newest word of the loop. */
+  /** Takes the newest state of the loop. */
   heard(status) {
     this.#status = status;
     this.#heardAt = performance.now();
@@ -120,7 +120,7 @@ export class LoopPanel {
     set("loop-sign", sign);
     set("loop-word", word);
     const again = status.resumes ? "begins again by itself; " : "";
-    const why = known ? `${again}${ACTIONS[status.action] ?? status.reason}` : "nothing was heard of the loop; STOP is sent all the same";
+    const why = known ? `${again}${ACTIONS[status.action] ?? status.reason}` : "the state of the loop is not known; STOP is sent nevertheless";
     set("loop-reason", why);
     $("loop-reason").title = why;
     this.#showNumbers(status, known && nowMs - this.#heardAt < FORCE_MS);
@@ -141,7 +141,7 @@ export class LoopPanel {
     this.#showPeak(status);
   }
 
-  /** Of the newest run: the largest force and the time above the limit; after it the true ones, of a simulated bench. */
+  /** Shows the largest force of the newest run and its time above the limit; then the true ones of a simulated bench. */
   #showPeak(status) {
     const peak = (force, above) => `peak ${inGrams(force)} g, ${above.toFixed(1)} s above the limit`;
     const estimated = status.peak_n === null ? NOTHING : peak(status.peak_n, status.above_limit_s);
@@ -149,12 +149,12 @@ export class LoopPanel {
     set("loop-true-peak", status.true_peak_n === null ? "" : `true force: ${peak(status.true_peak_n, status.true_above_limit_s)}`);
   }
 
-  /** How far the force that is read is from the one that is wanted; marked where the 90 % interval does not reach it. */
+  /** Shows the difference from the wanted force; it is marked if the 90 % interval does not contain the wanted force. */
   #showDifference(status, force, wanted) {
     const known = force !== null && wanted !== null;
     const difference = known ? force - wanted : null;
     set("loop-off", known ? `${inGrams(difference, true)} g` : NOTHING);
-    const judged = known && status.upper_n !== null; // without an interval nothing is said of the difference
+    const judged = known && status.upper_n !== null; // without an interval the difference is not judged
     const far = judged && Math.abs(difference) > status.upper_n - force;
     set("loop-off-note", judged ? (far ? (difference > 0 ? "too much" : "too little") : "within 90 %") : "");
     $("loop-difference").classList.toggle("warn", far);
@@ -191,9 +191,9 @@ export class LoopPanel {
 
 /** "3.0 mm, 12°" of {advance_mm: 3, knob_deg: 12.3}. */
 function places(axes) {
-  const told = Object.entries(axes).map(([name, value]) => {
+  const texts = Object.entries(axes).map(([name, value]) => {
     const [digits, unit] = UNITS[name.split("_").at(-1)] ?? [1, ""];
     return `${value.toFixed(digits).replace("-", "−")}${unit}`;
   });
-  return told.join(", ") || "not marked";
+  return texts.join(", ") || "not marked";
 }

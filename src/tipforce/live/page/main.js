@@ -107,7 +107,7 @@ function present() {
   if (app.alarm.on && values && !passesLimit(values, state.contact.limit_n)) verdict.detail = "was above the limit just now";
   document.body.dataset.kind = verdict.kind;
   showAlarm(app.alarm.on ? (app.alarm.held ? "held" : "on") : "off");
-  const told = verdict.live || verdict.kind === "invalid";
+  const current = verdict.live || verdict.kind === "invalid";
   set("sign", verdict.sign);
   if ($("title").textContent !== verdict.title || Boolean($("detail").textContent) !== Boolean(verdict.detail)) {
     set("title", verdict.title);
@@ -115,7 +115,7 @@ function present() {
   }
   set("detail", verdict.detail);
   $("detail").classList.toggle("long", verdict.detail.length > LONG_DETAIL);
-  if (told) veils.strip.hold(holds(verdict, age));
+  if (current) veils.strip.hold(holds(verdict, age));
   else veils.strip.fall(verdict.title, verdict.detail, verdict.sign);
 
   const imageAge = clock.age(imageAt, now);
@@ -126,16 +126,16 @@ function present() {
 
   drawGauge($("gauge"), state.contact, values);
   const old = !digits || now - digitsAt >= DIGITS_MS || clock.age(digits.capturedMs, now) > OLDEST_MS / 2;
-  const due = old || verdict.kind !== digitsKind; // strip and number never contradict each other
-  if (told && (due || !values)) {
+  const due = old || verdict.kind !== digitsKind; // strip and number are always consistent
+  if (current && (due || !values)) {
     showDigits(values);
-    controls.refresh(now); // a number and what is subtracted from it appear together
+    controls.refresh(now); // a number and its zero appear together
     digits = values ? update : null;
     digitsKind = verdict.kind;
     digitsAt = now;
     if (update) scene.draw(update.values, digits?.values ?? null, state.contact.limit_n);
   }
-  if (!told) veils.force.fall(veilTitle(verdict), "", "");
+  if (!current) veils.force.fall(veilTitle(verdict), "", "");
   else veils.force.hold(values ? OLDEST_MS - clock.age(digits.capturedMs, now) : holds(verdict, age));
 
   const paused = app.alarm.pausedFor(now) > 0;
@@ -148,7 +148,7 @@ function present() {
 function fitTitle(hasDetail) {
   const strip = $("strip");
   strip.style.setProperty("--fit", 1);
-  const beside = hasDetail && innerWidth > innerHeight; // upright the detail stands below
+  const beside = hasDetail && innerWidth > innerHeight; // in portrait format the detail is below
   const spaces = 1.3 * parseFloat(getComputedStyle(strip).fontSize);
   const needed = $("sign").offsetWidth + $("title").offsetWidth + spaces;
   const room = (beside ? TITLE_SHARE : 0.97) * strip.clientWidth;
@@ -187,7 +187,7 @@ function showDigits(values) {
   set("angle-error", clear ? (tip.angle_error_deg === null ? "" : `± ${tip.angle_error_deg.toFixed(0)}°`) : unsure);
 }
 
-/** What changes slowly; shown whether or not there is a force now. */
+/** Shows the slowly changing values, also without a force. */
 function showSums() {
   const values = app.update?.values;
   const clinical = values?.clinical;
@@ -203,7 +203,7 @@ function showSums() {
   const recording = app.state.recording_message ?? "";
   const failing = Object.entries(health?.sinks ?? {}).filter(([, message]) => !recording.includes(message));
   const outputs = failing.map(([name, message]) => `${name}: ${message}`);
-  const detail = $("detail"); // the strip says most of it, and what it has no room for is said here
+  const detail = $("detail"); // the strip shows most of it; the part that does not fit is shown here
   const cut = detail.scrollHeight > detail.clientHeight + 1 ? app.verdict.detail : "";
   const trouble = health?.message === values?.detail ? "" : health?.message;
   const warning = [recording, cut, trouble, ...outputs].filter(Boolean).join(" · ");
@@ -239,7 +239,7 @@ function edgeMs() {
   return edge ? edge.engineMs + Date.now() - edge.wallMs : (app.update?.capturedMs ?? 0);
 }
 
-/** What the drawings show, for a screen reader. */
+/** Describes the drawings for a screen reader. */
 function describe(now) {
   if (now - describedAt < DESCRIBED_MS) return;
   describedAt = now;
@@ -248,11 +248,11 @@ function describe(now) {
   const force = verdict.live && digits ? digits.values : null;
   const [low, high] = force?.interval_n ?? [null, null];
   const interval = low === null || high === null ? "" : `, 90 % interval ${inGrams(low)} to ${inGrams(high)} g`;
-  const told = force ? `Force ${inGrams(force.magnitude_n)} g${interval}` : `No force is shown: ${verdict.title}`;
+  const text = force ? `Force ${inGrams(force.magnitude_n)} g${interval}` : `No force is shown: ${verdict.title}`;
   const { window_n: window, limit_n: limit } = state.contact;
-  label("gauge", `${told}; window ${window.map((end) => inGrams(end)).join(" to ")} g, limit ${inGrams(limit)} g`);
+  label("gauge", `${text}; window ${window.map((end) => inGrams(end)).join(" to ")} g, limit ${inGrams(limit)} g`);
   const found = update?.values.shape ? "the catheter is detected" : "no catheter is detected";
-  label("video", update?.values.size ? `Camera image, ${found}. ${told}` : "no image");
+  label("video", update?.values.size ? `Camera image, ${found}. ${text}` : "no image");
   label("trace", trace.described(edgeMs()));
 }
 

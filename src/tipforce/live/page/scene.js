@@ -1,9 +1,9 @@
-// The image with what was detected in it: centreline, base frame, tip, force.
+// The image with the detected centreline, base frame, tip and force.
 
 import { fit, font } from "./canvas.js";
 import { inGrams } from "./numbers.js";
 
-// The image is what it is in any theme, so these colours are fixed: told apart by lightness and by letters too.
+// The image is the same in every theme, so these colours are fixed; they differ in lightness, and letters name them.
 const CENTRELINE = "#ffd60a";
 const AXIS_X = "#ff9f43";
 const AXIS_Y = "#6ec8ff";
@@ -57,7 +57,7 @@ export class Scene {
     const { values, limitN } = this.#last;
     if (!values.size || !values.shape || values.view !== values.views[0]) return;
     const perPixel = (scale * bitmap.width) / values.size[0];
-    // Pixel centres lie at integers, so the image begins half a pixel before 0.
+    // Pixel centres are at integers, so the image begins half a pixel before 0.
     const at = ([u, v]) => [left + perPixel * (u + 0.5), top + perPixel * (v + 0.5)];
     context.save();
     context.lineCap = context.lineJoin = "round";
@@ -95,7 +95,7 @@ export class Scene {
     context.stroke();
   }
 
-  /** What the tissue does to the tip: the head lies on the tip. The limit is as long as a quarter of the image. */
+  /** Draws the force of the tissue with its head on the tip. The limit is as long as a quarter of the image. */
   #force(context, values, shape, at, unit, limitPx, limitN) {
     const [fx, fy] = values.force_n;
     if (fx === null || fy === null) return;
@@ -112,7 +112,7 @@ export class Scene {
     const text = `${inGrams(values.magnitude_n)} g`;
     context.font = font(19 * unit, 700);
     const [half, high] = [context.measureText(text).width / 2, 10 * unit];
-    const away = 5 * unit + Math.min(half / Math.abs(dx), high / Math.abs(dy)); // beyond the tail, whatever its direction
+    const away = 5 * unit + Math.min(half / Math.abs(dx), high / Math.abs(dy)); // beyond the tail, in every direction
     write(context, text, tail[0] - away * dx, tail[1] - away * dy, FORCE, 19 * unit);
   }
 }

@@ -7,14 +7,14 @@ const LOW_HZ = 220; // at no force; two octaves higher at the limit, three at tw
 const TONE_LEVEL = 0.12;
 const ALARM_LEVEL = 0.5;
 const GLIDE_S = 0.03;
-const KNOCK_MS = 1000; // without a valid force: a low knock so often, for silence means "no contact"
+const KNOCK_MS = 1000; // without a valid force: a low knock at this interval, because silence means "no contact"
 
 export class Sound {
   follows = false;
   #context = null;
   #tone = null;
   #toneLevel = null;
-  #burst = null; // the level of the burst that is laid out; taken away to silence it
+  #burst = null; // level of the scheduled burst; removed to silence it
   #nextBurst = 0;
   #knockedMs = 0;
 
@@ -51,7 +51,7 @@ export class Sound {
     this.#tone.frequency.setTargetAtTime(LOW_HZ * 2 ** octaves, now, GLIDE_S);
   }
 
-  /** No valid force: the tone ends, a knock says so. */
+  /** No valid force: the tone ends, and a knock sounds. */
   nothing(nowMs) {
     if (!this.unlocked) return;
     const now = this.#context.currentTime;

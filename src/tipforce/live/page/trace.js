@@ -26,12 +26,12 @@ export class Trace {
 
   /** A force that is null was not valid. */
   #push(at, force, low, high) {
-    if (this.#points.at(-1)?.at === at) this.#points.pop(); // a later word on the same image
+    if (this.#points.at(-1)?.at === at) this.#points.pop(); // a later estimate for the same image
     const [from, to] = low === null || high === null ? [force, force] : [low, high];
     this.#points.push({ at, valid: force !== null, force, low: from, high: to });
   }
 
-  /** What the last ten seconds were, in words. @param {number} nowMs the engine's clock at the right edge */
+  /** Describes the last ten seconds in words. @param {number} nowMs the engine's clock at the right edge */
   described(nowMs) {
     const points = this.#points.filter((point) => point.at >= nowMs - SPAN_MS);
     const forces = points.filter((point) => point.valid).map((point) => point.force);

@@ -1,4 +1,4 @@
-"""The live page's server: one small web server, one message a frame, never more than one on its way to a page."""
+"""Server of the live page: a small web server that sends one message per frame, and at most one at a time to a page."""
 
 from ._hub import PageState
 from ._server import LOCAL_HOST, PageServer, PageSink, serve

@@ -1,4 +1,4 @@
-"""What a page may ask for: small JSON texts, checked before anything is done."""
+"""Commands that a page may send: small JSON texts, which are checked before they are executed."""
 
 from typing import Annotated, Literal
 
@@ -6,12 +6,12 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from ...errors import InputError
 
-LONGEST = 4096
-"""Bytes of a command at most; all that a page sends is far shorter."""
+MAX_COMMAND_BYTES = 4096
+"""Largest size of a command in bytes; the commands of the page are much shorter."""
 _Id = Annotated[int, Field(ge=0, lt=1 << 53)]
 _Milliseconds = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
 _Newtons = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
-"""No more than a number; what a window may be is for `ContactSettings` to say."""
+"""Only checked to be a number here; `ContactSettings` checks the window and the limit."""
 
 
 class _Command(BaseModel):
@@ -19,7 +19,7 @@ class _Command(BaseModel):
 
 
 class Acknowledge(_Command):
-    """The page has drawn update ``number``; ``age_ms``: how old its image then was, as the page measured it."""
+    """The page has drawn update ``number``; ``age_ms``: age of its image at that time, as the page measured it."""
 
     command: Literal["ack"]
     number: Annotated[int, Field(ge=0, lt=1 << 32)]
@@ -27,14 +27,14 @@ class Acknowledge(_Command):
 
 
 class Ping(_Command):
-    """Answered with the engine's clock; ``sent_ms`` comes back as it was."""
+    """The answer states the time of the engine's clock, and returns ``sent_ms`` unchanged."""
 
     command: Literal["ping"]
     sent_ms: _Milliseconds
 
 
 class Display(_Command):
-    """Which view the page shows, and how many pixels wide."""
+    """Sets the view that the page shows, and its width in pixels."""
 
     command: Literal["display"]
     view: Annotated[str, Field(max_length=100)] = ""
@@ -42,7 +42,7 @@ class Display(_Command):
 
 
 class ZeroForce(_Command):
-    """The force that is read now is subtracted from then on.
+    """Subtracts the present force from then on.
 
     ``confirmed_n``: the magnitude that the operator agreed to subtract although the tip may be in contact.
     """
@@ -53,7 +53,7 @@ class ZeroForce(_Command):
 
 
 class UndoZero(_Command):
-    """Nothing is subtracted any more."""
+    """Removes the zero: nothing is subtracted any more."""
 
     command: Literal["undo_zero"]
     id: _Id
@@ -68,7 +68,7 @@ class Integral(_Command):
 
 
 class Record(_Command):
-    """Begins or ends a recording."""
+    """Starts or stops a recording."""
 
     command: Literal["record"]
     id: _Id
@@ -76,7 +76,7 @@ class Record(_Command):
 
 
 class Limits(_Command):
-    """Sets window and limit, in newtons."""
+    """Sets force window and limit, in newtons."""
 
     command: Literal["limits"]
     id: _Id
@@ -85,7 +85,7 @@ class Limits(_Command):
 
 
 class Loop(_Command):
-    """What an operator wants of the loop that holds a force."""
+    """Passes a command to the loop that holds a force."""
 
     command: Literal["loop"]
     id: _Id
@@ -100,10 +100,10 @@ _ADAPTER: TypeAdapter[Command] = TypeAdapter(Command)
 
 
 def read_command(text: str) -> Command:
-    """The command in ``text``.
+    """Returns the command in ``text``.
 
     Raises:
-        InputError: it is none; the message says why, and repeats little of it.
+        InputError: ``text`` is not a command; the message states the reason and quotes little of the text.
     """
     try:
         return _ADAPTER.validate_json(text)

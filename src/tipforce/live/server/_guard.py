@@ -1,8 +1,8 @@
-"""Who may speak to the server: the right host name, the right origin, the right token.
+"""Decides who may use the server: by host name, origin and token.
 
-A page somewhere on the web must not reach a server on this machine through the operator's own browser: neither by a
-name of its own that points here (DNS rebinding: the Host header), nor by a socket or form of its own (the Origin
-header). On another address than this machine's own a token is needed beside.
+A page on the web must not reach a server on this machine through the operator's own browser: neither by a host name of
+its own that points here (DNS rebinding: the Host header), nor by a socket or form of its own (the Origin header). If
+the server listens on an address that other machines can reach, a token is also required.
 """
 
 import ipaddress
@@ -16,19 +16,19 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-_FOREIGN = 1008
+POLICY_VIOLATION = 1008
 """WebSocket close code: policy violation."""
 
 
 class Guard:
-    """ASGI middleware in front of everything.
+    """ASGI middleware that checks every request.
 
     Args:
-        app: what is guarded.
-        names: host names that this server goes by, beside ``localhost``; an address in numbers is always taken, for
-            no name can be bound to it by somebody else.
-        token: that every request must show, in the query or the cookie; None: none is needed.
-        cookie: name of the cookie, of this server alone.
+        app: application that is protected.
+        names: host names of this server besides ``localhost``. A numeric address is always accepted, because nobody
+            else can bind a name to it.
+        token: required from every request, in the query or the cookie; None: no token is required.
+        cookie: name of the cookie; other servers on this machine use other names.
     """
 
     def __init__(self, app: ASGIApp, names: Iterable[str], token: str | None, cookie: str) -> None:
@@ -44,16 +44,16 @@ class Guard:
         shown = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
         refusal: Response | None = None
         if not self._known(host):
-            refusal = PlainTextResponse("this server does not go by that name; use its address in numbers", 421)
+            refusal = PlainTextResponse("this server does not have that name; use its numeric address", 421)
         elif not self._own_origin(scope, headers, host):
             refusal = PlainTextResponse("requests from other pages are refused", 403)
         elif not (self._right(shown) or self._right(self._cookie_of(headers))):
             refusal = PlainTextResponse("the token is missing or wrong: open the address that the program printed", 403)
         elif shown and scope["type"] == "http" and scope["path"] == "/" and self._token is not None:
-            refusal = RedirectResponse("/", 303)  # the token leaves the address line, and with it the history
+            refusal = RedirectResponse("/", 303)  # removes the token from the address line and from the history
             refusal.set_cookie(self._cookie, self._token, httponly=True, samesite="lax")
         if scope["type"] == "websocket":
-            await (self._app if refusal is None else WebSocketClose(_FOREIGN))(scope, receive, send)
+            await (self._app if refusal is None else WebSocketClose(POLICY_VIOLATION))(scope, receive, send)
             return
 
         async def hardened(message: Message) -> None:
@@ -75,7 +75,7 @@ class Guard:
 
     @staticmethod
     def _own_origin(scope: Scope, headers: Headers, host: str) -> bool:
-        """A browser names the origin on every socket and on all that changes something; other programs name none."""
+        """Whether the origin is this server. A browser states it on sockets and changing requests; programs do not."""
         origin = headers.get("origin")
         harmless = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
         if origin is None or harmless:
@@ -97,7 +97,7 @@ class Guard:
 
 
 def _host_name(host: str) -> str | None:
-    """The name or address of a Host header, without its port; None where it is not one.
+    """Returns the name or address in a Host header, without its port; None if the header is not valid.
 
     >>> _host_name("[::1]:8000"), _host_name("A.local"), _host_name("x y"), _host_name("a@b")
     ('::1', 'a.local', None, None)
@@ -106,15 +106,15 @@ def _host_name(host: str) -> str | None:
         return None
     try:
         parts = urlsplit(f"//{host}")
-        _ = parts.port  # raises where it is no number
+        _ = parts.port  # raises if it is not a number
     except ValueError:
         return None
     return parts.hostname
 
 
 def _security_headers(host: str) -> list[tuple[bytes, bytes]]:
-    """Nothing from elsewhere, no inline script, no frame; ``host`` is one that was accepted, or is left out."""
-    # Older Safari does not count a socket to the own host as "self".
+    """Headers that forbid foreign content, inline scripts and frames; ``host`` is left out if it is not valid."""
+    # Older Safari does not count a socket to the same host as "self".
     sockets = f" ws://{host} wss://{host}" if _host_name(host) else ""
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "

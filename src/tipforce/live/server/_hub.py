@@ -1,4 +1,4 @@
-"""Between the engine's thread and the pages: the newest update, and what all pages share."""
+"""Shares the newest update and the common state of the pages between the engine's thread and the pages."""
 
 import asyncio
 import json
@@ -15,19 +15,27 @@ from ...clinical import ContactSettings
 from ._messages import EncodedUpdate
 from ._settings import Commands, PageSettings
 
-_KEPT = 1000
-"""Latencies and frame ages that are kept."""
-_URGENT = 2
-"""Threads of the stop key: a first stop that hangs in a driver does not hold up the second."""
+KEPT_VALUES = 1000
+"""Number of latencies and frame ages that are kept."""
+STOP_THREADS = 2
+"""Number of threads for the stop key: a first stop that hangs in a driver does not delay the second one."""
 
 
 @dataclass(frozen=True, slots=True)
 class PageState:
-    """What all pages show alike, and hear of when it changes.
+    """State that all pages show; it is sent to them when it changes.
 
-    ``starting``: what the program does before the first image, empty once the run has begun.
-    ``can_hold``: there is a loop that holds a force.
-    ``recording_message``: why there is no recording although one was wanted, else empty.
+    Attributes:
+        model: name of the model.
+        session: name of the session.
+        simulated: whether the session is simulated.
+        starting: work of the program before the first image; "" when the run has begun.
+        contact: force window, limit and contact threshold.
+        can_record: whether the page has a record button.
+        can_set_limits: whether window and limit can be set on the page.
+        can_hold: whether there is a loop that holds a force.
+        recording: whether a recording runs.
+        recording_message: reason why a requested recording does not run, or "".
     """
 
     model: str = ""
@@ -42,7 +50,7 @@ class PageState:
     recording_message: str = ""
 
     def text(self) -> str:
-        """As the JSON text that pages get."""
+        """Returns the JSON text that pages get."""
         values: dict[str, Any] = asdict(self) | {
             "answer": "state",
             "contact": self.contact.model_dump(mode="json", include={"contact_n", "window_n", "limit_n"}),
@@ -51,9 +59,13 @@ class PageState:
 
 
 class Hub:
-    """Holds the newest update and the pages' common state; wakes the pages. ``loop`` is that of the server.
+    """Holds the newest update and the common state of the pages, and wakes the pages.
 
-    `begin`, `publish` and `change` may be called from any thread, all else belongs to the loop's own.
+    `begin`, `publish` and `change` may be called from any thread; all other methods only from the server's event loop.
+
+    Args:
+        loop: event loop of the server.
+        settings: settings of the pages.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, settings: PageSettings) -> None:
@@ -62,15 +74,15 @@ class Hub:
         """The engine's buttons; None before the run begins."""
         self.state = PageState(contact=settings.contact)
         self.newest: EncodedUpdate | None = None
-        self.latencies_s: deque[float] = deque(maxlen=_KEPT)
-        """From mid-exposure until the message was handed to a socket."""
-        self.page_ages_s: deque[float] = deque(maxlen=_KEPT)
+        self.latencies_s: deque[float] = deque(maxlen=KEPT_VALUES)
+        """Times from mid-exposure until the message was passed to a socket."""
+        self.page_ages_s: deque[float] = deque(maxlen=KEPT_VALUES)
         """Ages of images when they were drawn, as the pages measured them."""
         self.limits = threading.Lock()
-        """Held while a page sets window and limit: the last one that is set is also the last that all hear of."""
+        """Held while a page sets window and limit, so that all pages get the values that were set last."""
         self.closing = False
-        self.urgent = ThreadPoolExecutor(_URGENT, "tipforce-stop")
-        """Where the stop key is served: on threads that nothing else can keep busy."""
+        self.urgent = ThreadPoolExecutor(STOP_THREADS, "tipforce-stop")
+        """Runs stop commands, on threads that no other work uses."""
         self._heard_s = -math.inf
         self._named = 0
         self._loop = loop
@@ -79,29 +91,29 @@ class Hub:
 
     @property
     def pages(self) -> int:
-        """So many are open."""
+        """Number of open pages."""
         return len(self._pages)
 
     @property
     def silent_s(self) -> float:
-        """So long ago any page was heard, seconds; infinite where none was."""
+        """Time in seconds since a page last sent something; infinite if none has."""
         return time.monotonic() - self._heard_s
 
     def heard(self) -> None:
-        """A page has sent something: its script runs."""
+        """Notes that a page has sent something, so its script runs."""
         self._heard_s = time.monotonic()
 
     def publish(self, update: EncodedUpdate) -> None:
-        """``update`` takes the place of the one before it."""
+        """Replaces the newest update by ``update`` and wakes the pages."""
         self.newest = update
         self.wake()
 
     def begin(self, commands: Commands, settings: PageSettings) -> None:
-        """The run begins: buttons work from now on.
+        """Begins the run: the buttons work from now on.
 
         Args:
             commands: the engine's buttons.
-            settings: clock, window and limit, and what the page may do.
+            settings: clock, force window and limit, and the rights of the page.
         """
         self.settings, self.commands = settings, commands
         self.change(
@@ -113,19 +125,19 @@ class Hub:
         )
 
     def change(self, **changes: Any) -> None:
-        """Changes fields of ``state``; all pages hear of it."""
+        """Changes fields of ``state`` and sends the state to all pages."""
         with self._changing:
             self.state = replace(self.state, **changes)
         self.wake()
 
     def close(self) -> None:
-        """All pages are told to go."""
+        """Ends the connections of all pages."""
         self.closing = True
         self.urgent.shutdown(wait=False)
         self.wake()
 
     def wake(self) -> None:
-        """Every page looks for what is new; from any thread."""
+        """Makes every page check for news; may be called from any thread."""
         with suppress(RuntimeError):  # the loop has ended, and all pages with it
             self._loop.call_soon_threadsafe(self._wake)
 
@@ -134,17 +146,17 @@ class Hub:
             event.set()
 
     def next_name(self) -> int:
-        """A number for a page: the first one is 1, and none is given twice."""
+        """Returns a number for a page, from 1 on; each number is given once."""
         self._named += 1
         return self._named
 
     def join(self) -> asyncio.Event:
-        """One more page: the event that is set when there is something new."""
+        """Adds a page; returns the event that is set when there is news for it."""
         event = asyncio.Event()
         event.set()
         self._pages.add(event)
         return event
 
     def leave(self, event: asyncio.Event) -> None:
-        """One page fewer."""
+        """Removes a page."""
         self._pages.discard(event)

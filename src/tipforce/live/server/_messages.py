@@ -1,8 +1,8 @@
-"""What goes over the page's socket: one binary message a frame, short JSON texts for the rest.
+"""Messages on the socket of a page: one binary message per frame, and short JSON texts for all others.
 
 A binary message is a header of 36 bytes, little endian, then JSON (UTF-8), then a JPEG image::
 
-    offset  size  type    what
+        offset  size  type    content
          0     4  bytes   "TIPF"
          4     2  uint16  version of this layout: 1
          6     2  uint16  bytes of this header: 36
@@ -12,8 +12,8 @@ A binary message is a header of 36 bytes, little endian, then JSON (UTF-8), then
         28     4  uint32  bytes of the JSON
         32     4  uint32  bytes of the JPEG; 0: there is no image
 
-In the JSON a number that is not known is null. Coordinates are in pixels of the image as the camera took it, u right, v
-down, whatever the size of the JPEG.
+A number that is not known is null in the JSON. Coordinates are in pixels of the camera's image, u right, v down, also
+if the JPEG has another size.
 """
 
 import json
@@ -35,19 +35,19 @@ MAGIC = b"TIPF"
 VERSION = 1
 
 WIDTHS = (320, 480, 640, 800, 960, 1280, 1920)
-"""Images are scaled to one of these widths, so that pages of nearly the same size share one encoding."""
+"""Images are scaled to one of these widths, so that pages of nearly the same size share one encoded image."""
 CENTRELINE_POINTS = 64
-"""Of the centreline so many points are sent: more than a display shows apart."""
+"""Number of points of the centreline that are sent: more than a display can separate."""
 
 Point = tuple[float, float | None, float | None, float | None]
-"""Of the trace: mid-exposure in ms on the engine's clock, force and its interval in N; None where it is not valid."""
+"""Point of the trace: mid-exposure in ms on the engine's clock, force and its interval in N; None if not valid."""
 
 Wanted = tuple[str, int]
-"""The view, and the width of the image in pixels."""
+"""View, and width of the image in pixels."""
 
 
 def display_width(pixels: int) -> int:
-    """The smallest of `WIDTHS` that is not below ``pixels``, or the largest.
+    """Returns the smallest of `WIDTHS` that is at least ``pixels``, or the largest one.
 
     >>> display_width(500), display_width(4000)
     (640, 1920)
@@ -56,10 +56,14 @@ def display_width(pixels: int) -> int:
 
 
 class EncodedUpdate:
-    """One update as messages: its numbers once, its image once for each size that somebody asks for.
+    """One update as messages: its numbers are encoded once, its image once for each requested size.
 
-    ``recent``: points of the updates before it, for pages that did not get those.
-    May be asked from several threads at once.
+    May be used from several threads at the same time.
+
+    Args:
+        update: the update.
+        quality: JPEG quality, 1 to 100.
+        recent: points of the trace of the preceding updates, for pages that did not get those.
     """
 
     def __init__(self, update: LiveUpdate, quality: int, recent: Sequence[Point] = ()) -> None:
@@ -71,13 +75,15 @@ class EncodedUpdate:
 
     @property
     def number(self) -> int:
-        """Of the update."""
+        """Number of the update."""
         return self.update.number
 
     def message(self, view: str, pixels: int) -> bytes:
-        """The binary message with the image of ``view``, about ``pixels`` wide but never enlarged.
+        """Returns the binary message with the image of ``view``.
 
-        A view that there is none of gives the first one.
+        Args:
+            view: name of the view; if the update does not have it, the first view is sent.
+            pixels: requested width of the image; the image is never enlarged.
         """
         view, image = self._view(view)
         wanted = (view, 0 if image is None else min(display_width(pixels), image.shape[1]))
@@ -109,7 +115,7 @@ class EncodedUpdate:
 
 
 def _jpeg(image: Image, width: int, quality: int) -> bytes:
-    """``image`` (h, w) grey or (h, w, 3) RGB as JPEG, ``width`` pixels wide."""
+    """Encodes ``image``, (h, w) grey or (h, w, 3) RGB, as JPEG that is ``width`` pixels wide."""
     height = max(1, round(image.shape[0] * width / image.shape[1]))
     small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) if width < image.shape[1] else image
     coloured = cv2.cvtColor(small, cv2.COLOR_RGB2BGR) if small.ndim == 3 else small
@@ -120,7 +126,7 @@ def _jpeg(image: Image, width: int, quality: int) -> bytes:
 
 
 def point_of(update: LiveUpdate) -> Point:
-    """What the trace shows of an update."""
+    """Returns the point of the trace for an update."""
     estimate = update.estimate
     low, high = estimate.magnitude_interval_n.tolist()
     force = number(estimate.magnitude_n) if estimate.valid else None
@@ -128,7 +134,7 @@ def point_of(update: LiveUpdate) -> Point:
 
 
 def update_values(update: LiveUpdate) -> dict[str, Any]:
-    """The numbers of an update as JSON values; keys end in the unit."""
+    """Returns the numbers of an update as JSON values; keys end in the unit."""
     estimate, tip = update.estimate, tip_force(update.estimate)
     return {
         "status": estimate.status.value,

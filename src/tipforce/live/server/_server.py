@@ -1,4 +1,4 @@
-"""The page's server in a thread of its own, and the sink that feeds it."""
+"""Runs the page's server on a thread of its own; contains the sink that feeds it."""
 
 import asyncio
 import ipaddress
@@ -23,7 +23,7 @@ from starlette.websockets import WebSocket
 from ...errors import InputError
 from ...types import SessionInfo
 from .._update import LiveUpdate
-from ._commands import LONGEST
+from ._commands import MAX_COMMAND_BYTES
 from ._guard import Guard
 from ._hub import Hub, PageState
 from ._messages import EncodedUpdate, Point, point_of
@@ -33,46 +33,48 @@ from ._settings import Commands, PageSettings
 _log = logging.getLogger(__name__)
 
 LOCAL_HOST = "127.0.0.1"
-_SHORTEST_TOKEN = 16
-"""Letters of a token; shorter ones may be guessed."""
+MIN_TOKEN_LETTERS = 16
+"""Least number of letters of a token; shorter ones may be guessed."""
 _TOKEN_BYTES = 24
 _START_S = 10.0
 _STOP_S = 5.0
-_PING_S = 5.0
-"""So often a socket is tried; one that does not answer for as long again is closed."""
-_RECENT = 30
-"""So many points of the trace go with each frame: a second that did not reach a page leaves no gap."""
+PING_INTERVAL_S = 5.0
+"""Interval between the pings of a socket; one that does not answer within the same time is closed."""
+RECENT_POINTS = 30
+"""Number of points of the trace in each message, so that a second without messages leaves no gap in it."""
 _TRY_LATER = 1013
 
 
 class PageSink:
-    """A `Sink` for the pages: the newest update wins, and nothing is kept for pages that are slow."""
+    """A `Sink` for the pages. The newest update replaces older ones; nothing is kept for slow pages."""
 
     name = "page"
     keeps_all = False
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
-        self._recent: deque[Point] = deque(maxlen=_RECENT)
+        self._recent: deque[Point] = deque(maxlen=RECENT_POINTS)
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Pages show session and model by name."""
+        """Shows the names of session and model on the pages."""
         self._hub.change(model=model, session=info.name, simulated=info.simulated)
 
     def put(self, update: LiveUpdate) -> None:
-        """Takes the place of the update before it, and returns at once."""
+        """Replaces the preceding update, and returns immediately."""
         self._hub.publish(EncodedUpdate(update, self._hub.settings.jpeg_quality, tuple(self._recent)))
         self._recent.append(point_of(update))
 
     def close(self) -> None:
-        """Nothing: pages find out by themselves that nothing new comes."""
+        """Does nothing: pages notice by themselves that nothing new comes."""
 
 
 class PageServer:
     """A running server. A context manager: leaving it closes the server.
 
-    ``address``: what to open in a browser, with the token where one is needed. ``port``: that it listens
-    on. ``sink``: takes the updates.
+    Attributes:
+        address: address for a browser, with the token if one is required.
+        port: port on which the server listens.
+        sink: takes the updates.
     """
 
     def __init__(
@@ -83,42 +85,48 @@ class PageServer:
 
     @property
     def pages(self) -> int:
-        """So many are open."""
+        """Number of open pages."""
         return self._hub.pages
 
     @property
     def silent_s(self) -> float:
-        """So long ago any page was heard, seconds; an open one whose script runs is heard each second."""
+        """Time in seconds since a page last sent something; an open page whose script runs sends each second."""
         return self._hub.silent_s
 
     @property
     def state(self) -> PageState:
-        """What all pages show alike."""
+        """State that all pages show."""
         return self._hub.state
 
     def show_starting(self, doing: str) -> None:
-        """Tells the pages what the program does before the run begins."""
+        """Shows on the pages the work of the program before the run begins."""
         self._hub.change(starting=doing)
 
     def begin(self, commands: Commands, settings: PageSettings) -> None:
-        """The run begins.
+        """Begins the run.
 
         Args:
             commands: the engine's buttons.
-            settings: clock, window and limit, and what the page may do; ``most_pages`` stays as `serve` got it.
+            settings: clock, force window and limit, and the rights of the page; ``most_pages`` stays as it was in
+                `serve`.
         """
         self._hub.begin(commands, settings)
 
     def latencies_s(self) -> list[float]:
-        """From mid-exposure until the message was handed to a page's socket, of the last messages."""
+        """Returns the times from mid-exposure until a message was passed to a page's socket, of the last messages."""
         return list(self._hub.latencies_s)
 
     def page_ages_s(self) -> list[float]:
-        """Ages of the last images when they were drawn, as the pages measured them: upper ends."""
+        """Returns the ages of the last images when they were drawn, as upper limits that the pages measured."""
         return list(self._hub.page_ages_s)
 
     def show_recording(self, on: bool, message: str = "") -> None:
-        """Tells the pages that a recording began or ended otherwise than by their button; ``message`` says why."""
+        """Shows on the pages that a recording began or ended without use of their button.
+
+        Args:
+            on: whether a recording runs.
+            message: reason for the end of a recording, or "".
+        """
         self._hub.change(recording=on, recording_message=message)
 
     def close(self) -> None:
@@ -147,21 +155,21 @@ def serve(
     token: str | None = None,
     settings: PageSettings | None = None,
 ) -> PageServer:
-    """Begins to serve the live page.
+    """Starts the server of the live page.
 
     Args:
-        commands: the engine's buttons; None: there is no engine yet, and `PageServer.begin` brings it.
-        host: name or address to listen on; by default nobody but this machine can reach the page.
-        port: 0: any that is free.
-        token: that a browser has to show; None: none is needed on this machine, and a random one elsewhere.
-        settings: clock, window and limit, and what the page may do.
+        commands: the engine's buttons; None: there is no engine yet, and `PageServer.begin` sets it.
+        host: name or address to listen on; by default only this machine can reach the page.
+        port: port to listen on; 0: any free port.
+        token: required from a browser; None: none is required on this machine, and a random one otherwise.
+        settings: clock, force window and limit, and the rights of the page.
 
     Raises:
-        InputError: nothing can listen there, or ``token`` is too short.
+        InputError: the server cannot listen there, or ``token`` is too short.
     """
     settings = settings or PageSettings()
-    if token is not None and len(token) < _SHORTEST_TOKEN:
-        raise InputError(f"token: expected at least {_SHORTEST_TOKEN} letters, got {len(token)}")
+    if token is not None and len(token) < MIN_TOKEN_LETTERS:
+        raise InputError(f"token: expected at least {MIN_TOKEN_LETTERS} letters, got {len(token)}")
     if token is None and not _is_local(host):
         token = secrets.token_urlsafe(_TOKEN_BYTES)
     listening = _listen(host, port)
@@ -183,9 +191,9 @@ def serve(
                 lifespan="off",
                 server_header=False,
                 proxy_headers=False,
-                ws_max_size=LONGEST,
-                ws_ping_interval=_PING_S,
-                ws_ping_timeout=_PING_S,
+                ws_max_size=MAX_COMMAND_BYTES,
+                ws_ping_interval=PING_INTERVAL_S,
+                ws_ping_timeout=PING_INTERVAL_S,
                 ws_per_message_deflate=False,  # JPEG does not get smaller
                 timeout_graceful_shutdown=1,
             )
@@ -215,7 +223,7 @@ def serve(
 
 
 def _app(hub: Hub, most_pages: int) -> Starlette:
-    """Routes: the files of the page, and its socket."""
+    """Returns the application with its routes: the files of the page, and its socket."""
 
     async def page(socket: WebSocket) -> None:
         if hub.pages >= most_pages or hub.closing:
@@ -229,7 +237,7 @@ def _app(hub: Hub, most_pages: int) -> Starlette:
 
 
 def _page_files() -> dict[str, tuple[bytes, str]]:
-    """Path -> content and media type of every file of the page; nothing else can be asked for."""
+    """Returns path -> content and media type of every file of the page; no other file is served."""
     files: dict[str, tuple[bytes, str]] = {}
     for entry in (resources.files("tipforce.live") / "page").iterdir():
         kind = mimetypes.guess_type(entry.name)[0]
@@ -271,7 +279,7 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _shown(host: str) -> str:
-    """What to put into an address: of "all addresses" the one that leads out of this machine."""
+    """Returns the host for the address of the page; for "all addresses" the one that other machines can reach."""
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
@@ -282,7 +290,7 @@ def _shown(host: str) -> str:
 
 
 def _outward(version: int) -> str:
-    """The address that others reach this machine at; nothing is sent for it."""
+    """Returns the address at which other machines reach this machine; nothing is sent for it."""
     family, beyond = (socket.AF_INET6, "2001:db8::1") if version == 6 else (socket.AF_INET, "192.0.2.1")
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:

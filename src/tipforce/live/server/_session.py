@@ -1,4 +1,4 @@
-"""One open page: frames to it, one at a time, and its commands."""
+"""Serves one open page: sends frames, one at a time, and executes its commands."""
 
 import asyncio
 import json
@@ -13,7 +13,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 from ...clinical import ContactSettings
 from ...errors import InputError, TipforceError, ZeroInContactError
 from ._commands import (
-    LONGEST,
+    MAX_COMMAND_BYTES,
     Acknowledge,
     Command,
     Display,
@@ -32,14 +32,14 @@ from ._settings import Commands
 
 _log = logging.getLogger(__name__)
 
-_MOST_WAITING = 4
-"""Commands of one page that may wait for the engine at a time."""
-_MOST_ANSWERS = 16
-"""Answers that may wait for a socket; a page that does not take them gets no more."""
-_LOOP_S, _LOOP_AGAIN_S = 0.1, 0.5
-"""The loop's state is sent this often where it changes, and this often where it does not."""
+MAX_WAITING_COMMANDS = 4
+"""Largest number of commands of one page that may wait for the engine at the same time."""
+MAX_WAITING_ANSWERS = 16
+"""Largest number of answers that may wait for a socket; a page that does not read them gets no more."""
+LOOP_CHANGED_S, LOOP_UNCHANGED_S = 0.1, 0.5
+"""Interval at which the state of the loop is sent if it changes, and if it does not change."""
 _Order = ZeroForce | UndoZero | Integral | Record | Limits | Loop
-"""What an operator asks for, and is answered."""
+"""Commands of an operator, each of which gets an answer."""
 _GOING_AWAY = 1001
 _BAD_DATA = 1003
 
@@ -47,15 +47,15 @@ _BAD_DATA = 1003
 class PageSession:
     """Serves one page.
 
-    No frame is sent before the page has acknowledged the one before it: a socket alone cannot tell that the browser
-    behind it is slow, and what it has not yet drawn would grow older in the buffers between.
+    A frame is sent only after the page has acknowledged the one before it: a socket alone does not show that the
+    browser is slow, and frames that it has not drawn yet would become old in the buffers between.
     """
 
     def __init__(self, socket: WebSocket, hub: Hub) -> None:
         self._socket, self._hub = socket, hub
         where = "" if socket.client is None else f" at {socket.client.host}"
         self._name = f"page {hub.next_name()}{where}"
-        """Who pressed a button, for all other pages and streams."""
+        """Name of the page that pressed a button, for all other pages and streams."""
         self._sending = asyncio.Lock()
         self._view, self._width = "", WIDTHS[2]
         self._in_flight: int | None = None
@@ -64,7 +64,7 @@ class PageSession:
         self._answers: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
-        """Until the page goes, or the server."""
+        """Serves the page until the page or the server ends."""
         await self._socket.accept()
         self._news = self._hub.join()
         tasks = [asyncio.create_task(each) for each in (self._send_news(), self._receive(), self._send_loop())]
@@ -76,7 +76,7 @@ class PageSession:
             pass  # the page has gone, which is no error
         finally:
             self._hub.leave(self._news)
-            tasks += self._waiting | self._answers  # not the stops: they are done, whoever has gone
+            tasks += self._waiting | self._answers  # stops are still executed when the page has gone
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -97,15 +97,15 @@ class PageSession:
             await self._socket.close(_GOING_AWAY, "the server has ended")
 
     async def _send_loop(self) -> None:
-        """Beside the frames, so that it comes also where those stall."""
+        """Sends the state of the loop independently of the frames, so that it is sent also when those stop."""
         last, sent_s = "", 0.0
         while True:  # until `run` ends
             loop = self._hub.settings.loop
             text = "" if loop is None else loop.status.text()
-            if text and (text != last or time.monotonic() - sent_s >= _LOOP_AGAIN_S):
+            if text and (text != last or time.monotonic() - sent_s >= LOOP_UNCHANGED_S):
                 last, sent_s = text, time.monotonic()
                 await self._send_text(text)
-            await asyncio.sleep(_LOOP_S)
+            await asyncio.sleep(LOOP_CHANGED_S)
 
     async def _send_frame(self, encoded: EncodedUpdate) -> None:
         message = await asyncio.to_thread(encoded.message, self._view, self._width)
@@ -126,7 +126,7 @@ class PageSession:
                 return
             self._hub.heard()
             text = received.get("text")
-            if text is None or len(text) > LONGEST:
+            if text is None or len(text) > MAX_COMMAND_BYTES:
                 await self._socket.close(_BAD_DATA, "commands are short JSON texts")
                 return
             try:
@@ -137,8 +137,8 @@ class PageSession:
             self._take(command)
 
     def _say(self, values: dict[str, Any]) -> None:
-        """Answers without waiting: a socket that takes nothing must not keep a stop from being read."""
-        if len(self._answers) < _MOST_ANSWERS:
+        """Answers without waiting: a socket that does not read must not delay a stop."""
+        if len(self._answers) < MAX_WAITING_ANSWERS:
             self._keep(asyncio.create_task(self._send_text(json.dumps(values))), self._answers)
 
     @staticmethod
@@ -146,7 +146,7 @@ class PageSession:
         def done(ended: asyncio.Task[None]) -> None:
             tasks.discard(ended)
             if not ended.cancelled():
-                ended.exception()  # of a page that has gone
+                ended.exception()  # the page has gone
 
         tasks.add(task)
         task.add_done_callback(done)
@@ -170,13 +170,13 @@ class PageSession:
                 self._begin(command, self._waiting, None)
 
     def _begin(self, command: _Order, waiting: set[asyncio.Task[None]], on: Executor | None) -> None:
-        if len(waiting) >= _MOST_WAITING:
-            self._say(_answer(command.id, "still busy with what was asked before"))
+        if len(waiting) >= MAX_WAITING_COMMANDS:
+            self._say(_answer(command.id, "still busy with the commands before"))
             return
         self._keep(asyncio.create_task(self._execute(command, on)), waiting)
 
     async def _execute(self, command: _Order, on: Executor | None) -> None:
-        """On a thread of its own, so that frames and pings go on while the engine is busy; then tells the page."""
+        """Executes a command on another thread, so that frames and pings continue meanwhile; then answers the page."""
         _log.info("from a page: %s", command)
         try:
             await asyncio.get_running_loop().run_in_executor(on, self._job(command))
@@ -224,7 +224,7 @@ class PageSession:
         switch = self._hub.settings.on_record
         if switch is None:
             raise InputError("nothing can be recorded in this run")
-        if on:  # before, so that what a recording says of itself is the last word
+        if on:  # set before the switch, so that the state that the recording itself reports comes last
             self._hub.change(recording=True, recording_message="")
         try:
             switch(on)
@@ -255,6 +255,6 @@ def _answer(number: int, refusal: str) -> dict[str, Any]:
 
 
 def _first_line(error: ValueError) -> str:
-    """What pydantic found first, without the value and the address of its manual."""
+    """Returns the first finding of pydantic, without the value and the address of its manual."""
     lines = [line.strip() for line in str(error).splitlines()]
     return lines[-2].partition(" [")[0].removeprefix("Value error, ") if len(lines) > 2 else lines[0]

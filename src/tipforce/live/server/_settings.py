@@ -1,4 +1,4 @@
-"""What the page's server needs from outside: the engine's buttons, and what else an operator may do."""
+"""Settings of the page's server: the engine's buttons, and the other rights of an operator."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,34 +10,39 @@ from .._loop import LoopCommands
 
 
 class Commands(Protocol):
-    """The buttons of a live engine. May be called from any thread; what they raise is shown on the page."""
+    """The buttons of a live engine. May be called from any thread; the page shows the errors that they raise."""
 
     def zero(self, *, by: str, confirmed_n: float | None) -> None:
-        """Subtract the force that is read now from then on; see `tipforce.live.Engine.zero`."""
+        """Subtracts the present force from then on; see `tipforce.live.Engine.zero`."""
         ...
 
     def clear_zero(self) -> None:
-        """Subtract nothing any more."""
+        """Removes the zero: nothing is subtracted any more."""
         ...
 
     def start_integral(self) -> None:
-        """Begin the force-time integral, and the times beside it, anew."""
+        """Starts the force-time integral and the contact times from 0."""
         ...
 
     def stop_integral(self) -> None:
-        """Let the force-time integral stay as it is."""
+        """Stops the force-time integral; its value stays."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class PageSettings:
-    """How a page is served.
+    """Settings of the pages.
 
-    ``clock``: that of the engine: frame ages are measured against it. ``contact``: window and limit at the start.
-    ``on_contact``: takes a new window and limit; None: they cannot be set on the page. ``on_record``: begins (True) or
-    ends a recording; None: the page has no record button. Both run on a thread of their own; what they raise is shown.
-    ``loop``: commands and state of a loop that holds a force; None: the page has no panel for one.
-    ``jpeg_quality``: 1 to 100. ``most_pages``: so many may be open at once.
+    ``on_contact`` and ``on_record`` run on a thread of their own; the page shows the errors that they raise.
+
+    Attributes:
+        clock: clock of the engine; frame ages are measured against it.
+        contact: force window, limit and contact threshold at the start.
+        on_contact: takes new values of these; None: they cannot be set on the page.
+        on_record: starts (True) or stops a recording; None: the page has no record button.
+        loop: commands and state of a loop that holds a force; None: the page has no panel for one.
+        jpeg_quality: 1 to 100.
+        most_pages: largest number of pages that may be open at the same time.
     """
 
     clock: Clock = field(default_factory=SystemClock)

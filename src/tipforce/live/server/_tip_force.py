@@ -1,4 +1,4 @@
-"""The force at the tip in the tip's own directions: axial, lateral, and the contact angle."""
+"""The force at the tip along and across the tip: axial, lateral, and the contact angle."""
 
 import math
 from dataclasses import dataclass
@@ -9,16 +9,19 @@ from ...estimators.uncertainty import GAUSS_90
 from ...types import DetectedShape, FloatArray, ForceEstimate
 
 TIP_SHARE = 0.04
-"""The tip's axis is that of so much of the centreline at its end: about the length of an ablation electrode."""
+"""The last share of the centreline that defines the tip's axis: about the length of an ablation electrode."""
 
 
 @dataclass(frozen=True, slots=True)
 class TipForce:
-    """``axial_n``: along the tip's axis, compression positive; ``lateral_n``: size of the rest, in newtons.
+    """Force at the tip, split by the direction of the tip.
 
-    ``angle_deg``: between the tip's axis and the direction in which the tip presses, the contact angle where friction
-    is small: 0 when the tip is perpendicular to the tissue, 90 when it lies along it. ``angle_error_deg``: half of its
-    90 % interval to first order; NaN where the covariance is not known.
+    Attributes:
+        axial_n: along the tip's axis, compression positive.
+        lateral_n: magnitude of the rest.
+        angle_deg: angle between the tip's axis and the direction in which the tip presses. It is the contact angle if
+            friction is small: 0 if the tip is perpendicular to the tissue, 90 if it is parallel to it.
+        angle_error_deg: half of the angle's 90 % interval, to first order; NaN if the covariance is not known.
     """
 
     axial_n: float
@@ -28,12 +31,12 @@ class TipForce:
 
 
 def tip_force(estimate: ForceEstimate) -> TipForce | None:
-    """Splits a force by the direction of the tip; None where force or direction is not known.
+    """Splits a force by the direction of the tip; returns None if force or direction is not known.
 
-    A component across the image counts as lateral where it is known, for the tip is seen in the image's plane alone.
+    A known component perpendicular to the image counts as lateral, because the tip is detected in the image plane only.
 
     Args:
-        estimate: of one instant; its ``shape`` tells the direction.
+        estimate: an estimate with a detected ``shape``, which states the direction of the tip.
     """
     shape = estimate.shape
     if not (estimate.valid and estimate.known[:2].all() and shape is not None and shape.found):
@@ -55,7 +58,7 @@ def tip_force(estimate: ForceEstimate) -> TipForce | None:
 
 
 def _tip_axis(shape: DetectedShape) -> FloatArray | None:
-    """(3,) unit vector from base to tip at the tip, base frame."""
+    """Returns the (3,) unit vector along the tip, from base to tip, base frame."""
     assert shape.centreline is not None
     assert shape.base is not None
     points = shape.centreline.points
@@ -68,7 +71,7 @@ def _tip_axis(shape: DetectedShape) -> FloatArray | None:
 
 
 def _angle_error_deg(estimate: ForceEstimate, axis: FloatArray, across: FloatArray, size: float) -> float:
-    """From the covariance of the component that turns the force within the plane of tip and force."""
+    """Returns the error from the covariance of the component that turns the force in the plane of tip and force."""
     lateral = float(np.linalg.norm(across))
     sideways = across / lateral if lateral > 1e-9 * size else np.array([-axis[1], axis[0], 0.0])
     force = np.where(estimate.known, estimate.force_n, 0.0)

@@ -1,6 +1,7 @@
-"""Estimates to other programs: OpenIGTLink, Foxglove, Lab Streaming Layer, JSON, a recording; see docs/streams.md.
+"""Sends estimates to other programs: OpenIGTLink, Foxglove, Lab Streaming Layer, JSON, a recording; docs/streams.md.
 
-Each is a `Sink`. An invalid estimate goes out as NaN (JSON: null) with its status and reason, never as an old number.
+Each output is a `Sink`. An invalid estimate is sent as NaN (JSON: null) with its status and reason, never as an old
+number.
 """
 
 from ._message import SCHEMA_VERSION, LiveMessage

@@ -1,4 +1,4 @@
-"""What stands behind ``--out``: a kind of sink, where it sends to, and its options."""
+"""Address of an output (``--out``): a kind of sink, its target, and its options."""
 
 import importlib
 from collections.abc import Mapping, Sequence
@@ -9,11 +9,11 @@ from urllib.parse import parse_qs, urlsplit
 
 from ...errors import InputError, MissingExtraError
 
-_MOST_PORT = 65535
+MAX_PORT = 65535
 
 
 def import_extra(name: str) -> Any:
-    """Import a package of the extra ``[stream]``; its contents are unknown to the type checker.
+    """Imports a package of the extra ``[stream]``; its contents are unknown to the type checker.
 
     Raises:
         MissingExtraError: it is not installed.
@@ -27,9 +27,16 @@ def import_extra(name: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """``KIND://HOST:PORT?NAME=VALUE`` or ``KIND:PATH``, taken apart.
+    """The parts of ``KIND://HOST:PORT?NAME=VALUE`` or ``KIND:PATH``.
 
-    ``text``: as it was given; ``place``: all between // and the path, in its own case.
+    Attributes:
+        text: the address as it was given.
+        kind: kind of sink.
+        host: host name in lower case, or "".
+        port: port; None if it is not stated.
+        path: path, or "".
+        place: all between // and the path, with capital letters unchanged.
+        options: values of each option.
 
     >>> Address.of("json-udp://127.0.0.1:9000?rate_hz=10").options
     mappingproxy({'rate_hz': ('10',)})
@@ -45,7 +52,7 @@ class Address:
 
     @classmethod
     def of(cls, text: str) -> "Address":
-        """Take ``text`` apart. Raises InputError where it is no address."""
+        """Splits ``text`` into its parts. Raises InputError if it is not an address."""
         try:
             parts = urlsplit(text)
             port = parts.port
@@ -53,12 +60,12 @@ class Address:
         except ValueError as error:
             raise InputError(f"out={text}: {error}; expected something like json-udp://127.0.0.1:9000") from None
         if port == 0:
-            raise InputError(f"out={text}: port 0 is none that anyone could connect to; take 1 to {_MOST_PORT}")
+            raise InputError(f"out={text}: no program can connect to port 0; take 1 to {MAX_PORT}")
         frozen = MappingProxyType({name: tuple(values) for name, values in options.items()})
         return cls(text, parts.scheme, parts.hostname or "", port, parts.path, parts.netloc, frozen)
 
     def with_port(self, default: int) -> tuple[str, int]:
-        """Host and port; ``default`` where none is stated. Raises InputError without a host or with a path."""
+        """Returns host and port; ``default`` if no port is stated. Raises InputError without a host or with a path."""
         if not self.host or self.path not in ("", "/"):
             raise InputError(
                 f"out={self.text}: expected {self.kind}://HOST:PORT, as in {self.kind}://127.0.0.1:{default}"
@@ -66,7 +73,7 @@ class Address:
         return self.host, self.port or default
 
     def only(self, *names: str) -> None:
-        """Raises InputError where an option is stated that is not among ``names``."""
+        """Raises InputError if an option is stated that is not in ``names``."""
         if unknown := sorted(set(self.options) - set(names)):
             has = f"it has {', '.join(names)}" if names else "it has none"
             raise InputError(f"out={self.text}: {self.kind} has no option {unknown[0]}; {has}")

@@ -1,4 +1,4 @@
-"""A live Foxglove server: images and estimates as in our recordings, and the whole message as JSON."""
+"""Live Foxglove server: images and estimates as in the recordings of tipforce, and the whole message as JSON."""
 
 import secrets
 import sys
@@ -14,23 +14,23 @@ from ._server import OriginDoor
 
 PORT = 8765
 APP = "https://app.foxglove.dev"
-"""The page that shows such streams; the desktop program has an origin of its own."""
+"""The web page that shows such streams; the desktop program has an origin of its own."""
 DESKTOP = "foxglove://"
-_BACKLOG = 8
-"""Messages that wait in foxglove-sdk; the oldest give way."""
-_FLUSH_S = 0.2
-"""foxglove-sdk sends in the background, and its stop does not wait for that."""
+MAX_WAITING_MESSAGES = 8
+"""Number of messages that wait in foxglove-sdk; the oldest are dropped."""
+FLUSH_S = 0.2
+"""Waiting time before the stop: foxglove-sdk sends in the background, and its stop does not wait for that."""
 _SUBPROTOCOL = "foxglove.sdk.v1"
 _MESSAGE_DATA = 1
-"""First byte of a message of a channel; four bytes of the subscription follow."""
+"""First byte of a message of a channel; the number of the subscription follows in four bytes."""
 _QUALITY = 80
 
 
 class FoxgloveServer:
     """Topics: ``/VIEW/compressed`` (CompressedImage), ``/estimate`` (ForceEstimate), ``/live`` (`LiveMessage`).
 
-    Stamps are mid-exposure in nanoseconds since 1970. Images are encoded only while somebody looks. foxglove-sdk lets
-    every web page in; so it listens on an address of this machine that nobody knows, and clients come through an
+    Stamps are mid-exposure in nanoseconds since 1970. Images are encoded only for clients that show them. foxglove-sdk
+    accepts every web page; so it listens on a random address of this machine, and clients connect through an
     `OriginDoor`.
     """
 
@@ -51,7 +51,7 @@ class FoxgloveServer:
         self._channels: dict[str, Any] = {}
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Listen. Raises OSError where the port is in use."""
+        """Begins to listen. Raises OSError if the port is in use."""
         self._session, self._model = info, model
         foxglove = self._foxglove
         self._context, self._channels = foxglove.Context(), {}
@@ -61,7 +61,7 @@ class FoxgloveServer:
             host=host,
             port=0,
             context=self._context,
-            message_backlog_size=_BACKLOG,
+            message_backlog_size=MAX_WAITING_MESSAGES,
         )
         self._behind = host, self._server.port
         self._door = OriginDoor(
@@ -71,7 +71,7 @@ class FoxgloveServer:
         self._estimate = self._ros2(f"/{ESTIMATE}", FORCE_ESTIMATE)
 
     def put(self, update: LiveUpdate) -> None:
-        """Publish one update."""
+        """Publishes one update."""
         at = update.captured_unix_ns
         for view, image in update.frames.items():
             self._publish(view, image, at)
@@ -80,9 +80,9 @@ class FoxgloveServer:
         self._live.log(text.encode(), log_time=at)
 
     def close(self) -> None:
-        """End all connections, after the last messages."""
+        """Ends all connections, after the last messages."""
         if self._server is not None:
-            time.sleep(_FLUSH_S)
+            time.sleep(FLUSH_S)
             self._server.stop()
         if self._door is not None:
             self._door.close()
@@ -103,12 +103,12 @@ class FoxgloveServer:
 
 
 def _subscription(message: str | bytes) -> bytes | None:
-    """The subscription of a message of a channel, of which the newest counts; None for any other message."""
+    """Returns the subscription of a message of a channel, of which the newest is kept; None for other messages."""
     return message[:5] if isinstance(message, bytes) and message[:1] == bytes([_MESSAGE_DATA]) else None
 
 
 def _unknown_loopback() -> str:
-    """An address of this machine that a web page would have to guess among millions, where there are such."""
+    """Returns a random address of this machine, which a web page would have to guess among millions (Linux only)."""
     if sys.platform != "linux":
         return "127.0.0.1"
     return ".".join(["127", *(str(1 + secrets.randbelow(253)) for _ in range(3))])

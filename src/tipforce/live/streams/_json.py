@@ -1,4 +1,4 @@
-"""Estimates as JSON: datagrams to one receiver, or a WebSocket that any number of clients may read."""
+"""Sends estimates as JSON: datagrams to one receiver, or a WebSocket that any number of clients may read."""
 
 import socket
 import threading
@@ -15,26 +15,26 @@ from ._message import message_of
 from ._server import OriginServer
 
 UDP_PORT, WEBSOCKET_PORT = 8766, 8767
-_LOOK_AGAIN_S = 1.0
-"""How often a client's thread checks whether its connection is still there while nothing is sent."""
-_OPEN_S = 0.05
-"""How often it checks for the end of the run while a client has not acknowledged a message."""
-_LAST_S = 1.0
-"""How long the end of the run waits for all clients to be sent the last message."""
+CONNECTION_CHECK_S = 1.0
+"""Interval at which a client's thread checks whether its connection exists while nothing is sent."""
+END_CHECK_S = 0.05
+"""Interval at which it checks for the end of the run while a client has not acknowledged a message."""
+LAST_MESSAGE_S = 1.0
+"""Longest wait at the end of the run until the last message is sent to all clients."""
 
 
 class JsonUdp:
-    """One datagram an update, some 1 kB, to one receiver; nobody knows whether it arrived.
+    """Sends one datagram of about 1 kB for each update to one receiver; its arrival is not confirmed.
 
-    A receiver that reads slowly gets what waits in its own socket first, which no sender can take back. With the
-    option ``rate_hz`` it is sent at most so many valid estimates a second; an estimate that turns invalid is always
-    sent at once.
+    A slow receiver first gets the datagrams that wait in its own socket; a sender cannot remove them. The option
+    ``rate_hz`` limits the number of valid estimates per second; an estimate that becomes invalid is always sent
+    immediately.
     """
 
     keeps_all = False
 
     def __init__(self, address: Address) -> None:
-        """Raises InputError where ``rate_hz`` is not a positive number."""
+        """Raises InputError if ``rate_hz`` is not a positive number."""
         address.only("rate_hz")
         self.name = address.text
         self._period_s, self._next_s = _period_s(address), 0.0
@@ -43,13 +43,13 @@ class JsonUdp:
         self._socket: socket.socket | None = None
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Look the receiver up. Raises OSError where its name is unknown."""
+        """Looks up the receiver. Raises OSError if its name is unknown."""
         self._session, self._model = info, model
         family, kind, protocol, _, self._to = socket.getaddrinfo(*self._target, type=socket.SOCK_DGRAM)[0]
         self._socket = socket.socket(family, kind, protocol)
 
     def put(self, update: LiveUpdate) -> None:
-        """Send one datagram."""
+        """Sends one datagram."""
         assert self._socket is not None
         now_s = time.monotonic()
         if update.estimate.valid:
@@ -60,14 +60,14 @@ class JsonUdp:
         self._socket.sendto(text.encode(), self._to)
 
     def close(self) -> None:
-        """Close the socket."""
+        """Closes the socket."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
 
 def _period_s(address: Address) -> float:
-    """Shortest time between two valid estimates."""
+    """Returns the shortest time between two valid estimates in seconds."""
     stated = address.options.get("rate_hz")
     if stated is None:
         return 0.0
@@ -86,9 +86,9 @@ def _positive(value: float) -> float:
 
 
 class JsonWebSocket:
-    """A server; each client gets the newest message as one text, a slow one fewer of them and never an older one.
+    """Sends the newest message to each client as one text; a slow client gets fewer messages, never an older one.
 
-    A ping follows each message, and the next message is sent after its pong: one message at most is on its way to a
+    A ping follows each message, and the next message is sent after its pong: so at most one message is on its way to a
     client that has stopped reading.
     """
 
@@ -106,24 +106,24 @@ class JsonWebSocket:
         self._clients = 0
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Listen. Raises OSError where the port is in use."""
+        """Begins to listen. Raises OSError if the port is in use."""
         self._session, self._model = info, model
         self._open = True
         self._server = OriginServer(*self._target, self._serve, origins=self._origins)
 
     def put(self, update: LiveUpdate) -> None:
-        """Show all clients what is new; does not wait for them."""
+        """Passes the update to all clients; does not wait for them."""
         text = message_of(update, self._session, self._model).model_dump_json(by_alias=True)
         with self._changed:
             self._newest, self._count = text, self._count + 1
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End all connections, after the last message."""
+        """Ends all connections, after the last message."""
         with self._changed:
             self._open = False
             self._changed.notify_all()
-            self._changed.wait_for(lambda: self._clients == 0, _LAST_S)
+            self._changed.wait_for(lambda: self._clients == 0, LAST_MESSAGE_S)
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -131,7 +131,7 @@ class JsonWebSocket:
     def _serve(self, client: ServerConnection) -> None:
         with self._changed:
             self._clients += 1
-            sent = self._count  # what came before the client is old
+            sent = self._count  # messages from before the connection are old
         try:
             self._feed(client, sent)
         except ConnectionClosed:
@@ -145,13 +145,13 @@ class JsonWebSocket:
         """Sends every message after number ``sent`` that is the newest when the client is ready for one."""
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._count != sent or not self._open, _LOOK_AGAIN_S)  # noqa: B023
+                self._changed.wait_for(lambda: self._count != sent or not self._open, CONNECTION_CHECK_S)  # noqa: B023
                 is_open, count, text = self._open, self._count, self._newest
             if count != sent:
                 sent = count
                 client.send(text)
             if not is_open:
                 return
-            taken = client.ping(ack_on_close=True)  # raises where the client is gone
-            while self._open and not taken.wait(_OPEN_S):
+            taken = client.ping(ack_on_close=True)  # raises if the client is gone
+            while self._open and not taken.wait(END_CHECK_S):
                 pass

@@ -1,4 +1,4 @@
-"""Lab Streaming Layer: one irregular stream of doubles, its channels described with their units."""
+"""Lab Streaming Layer: one irregular stream of doubles, whose channels are described with their units."""
 
 import time
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from .._update import LiveUpdate
 from ._address import Address, import_extra
 
 STATUS_CODES = {status: number for number, status in enumerate(Status)}
-"""A number for each status: 0 is valid. The stream's description states them."""
+"""Number of each status: 0 is valid. The description of the stream states them."""
 CHANNELS: tuple[tuple[str, str, str], ...] = (
     *((f"f{axis}_n", "N", "Force") for axis in "xyz"),
     *((f"f{axis}_{end}_n", "N", "ForceInterval90") for axis in "xyz" for end in ("low", "high")),
@@ -26,14 +26,14 @@ CHANNELS: tuple[tuple[str, str, str], ...] = (
 )
 """Label, unit and type of each channel."""
 _DEFAULT_NAME = "tipforce"
-_BUFFERED = 1
-"""Hundreds of samples that the outlet keeps for a reader that takes none."""
+BUFFERED_HUNDREDS = 1
+"""Hundreds of samples that the outlet keeps for a reader that does not read."""
 
 
 class LabStreamingLayer:
-    """An outlet; a sample an update, stamped with mid-exposure on LSL's clock. NaN where unknown or not valid.
+    """An outlet with one sample per update, stamped with mid-exposure on LSL's clock. NaN: unknown or not valid.
 
-    A sample is valid until its stamp plus ``max_age_s``. Keeps all: the programs that read LSL record.
+    A sample is valid until its stamp plus ``max_age_s``. `keeps_all`, because the programs that read LSL record.
     """
 
     keeps_all = True
@@ -49,7 +49,7 @@ class LabStreamingLayer:
         self._outlet: Any = None
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Announce the stream."""
+        """Announces the stream."""
         lsl = self._lsl
         described = lsl.StreamInfo(
             self._stream, "Force", len(CHANNELS), lsl.IRREGULAR_RATE, "double64", source_id=f"tipforce-{self._stream}"
@@ -65,10 +65,10 @@ class LabStreamingLayer:
         codes = about.append_child("status_codes")
         for status, number in STATUS_CODES.items():
             codes.append_child_value(status.value, str(number))
-        self._outlet = lsl.StreamOutlet(described, max_buffered=_BUFFERED)
+        self._outlet = lsl.StreamOutlet(described, max_buffered=BUFFERED_HUNDREDS)
 
     def put(self, update: LiveUpdate) -> None:
-        """Push one sample."""
+        """Pushes one sample."""
         estimate = update.estimate
         sample = [
             *estimate.force_n.tolist(),
@@ -85,7 +85,7 @@ class LabStreamingLayer:
         self._outlet.push_sample(sample, self._lsl.local_clock() - age_s)
 
     def close(self) -> None:
-        """Withdraw the stream."""
+        """Withdraws the stream."""
         self._outlet = None
 
 

@@ -1,4 +1,4 @@
-"""One update as plain values: the JSON message, whose schema is the contract with other programs."""
+"""The JSON message of one update; its schema is the contract with other programs."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from .._update import CameraState, LiveHealth, LiveUpdate, Zero
 from ._tip import TipPose, tip_pose
 
 SCHEMA_VERSION = "tipforce.live/1"
-"""The number grows when a field changes its meaning or goes; new fields may come without."""
+"""The number increases if a field changes its meaning or is removed; new fields may be added without that."""
 
 Vector = tuple[float | None, float | None, float | None]
 Interval = tuple[float | None, float | None]
@@ -24,14 +24,14 @@ class _Part(BaseModel):
 
 
 class TipMessage(_Part):
-    """Where the tip is, in the plane in which the catheter bends."""
+    """Position and direction of the tip in the plane in which the catheter bends."""
 
     position_mm: tuple[float, float] = Field(description="x, y of the tip in the base frame")
     direction: tuple[float, float] = Field(description="unit vector along the tip, base frame")
 
 
 class ContactMessage(_Part):
-    """What the force means for an ablation. Times and integral count since the first image or the integral's start."""
+    """Contact state for an ablation. Times and integral count since the first image or the integral's start."""
 
     state: ContactState
     class_: ContactClass = Field(alias="class", description="of the last seconds")
@@ -47,7 +47,7 @@ class ContactMessage(_Part):
 
 
 class ZeroMessage(_Part):
-    """What the operator's zero button subtracts from the force; the intervals span the force with and without it."""
+    """The force that the zero button subtracts; the intervals span the force with and without it."""
 
     offset_n: Vector = Field(description="subtracted force, base frame: x, y, z")
     magnitude_n: float = Field(description="magnitude of the subtracted force")
@@ -57,7 +57,7 @@ class ZeroMessage(_Part):
 
 
 class HealthMessage(_Part):
-    """How the run does."""
+    """Health of the run."""
 
     camera: CameraState
     frames_per_s: float
@@ -96,7 +96,13 @@ class LiveMessage(_Part):
 
 
 def message_of(update: LiveUpdate, info: SessionInfo, model: str) -> LiveMessage:
-    """``update`` as a message."""
+    """Returns ``update`` as a message.
+
+    Args:
+        update: the update.
+        info: session metadata.
+        model: name of the model.
+    """
     estimate = update.estimate
     low, high = (_known(end) for end in estimate.magnitude_interval_n.tolist())
     x, y, z = ((_known(least), _known(most)) for least, most in estimate.interval_n.tolist())
@@ -124,7 +130,7 @@ def message_of(update: LiveUpdate, info: SessionInfo, model: str) -> LiveMessage
 
 
 def _known(value: float) -> float | None:
-    """None where JSON has no number."""
+    """Returns ``value``, or None if JSON has no such number."""
     return value if math.isfinite(value) else None
 
 

@@ -19,17 +19,17 @@ KINDS: Mapping[str, tuple[Callable[[Address], Sink], str]] = {
     "lsl": (LabStreamingLayer, "lsl://tipforce"),
     "recording": (RecordingSink, "recording:run.mcap"),
 }
-"""Kind -> the sink, and an example of its address."""
+"""Kind -> constructor of the sink, and an example of its address."""
 
 
 def open_sink(text: str) -> Sink:
-    """The sink that ``text`` names; it connects, listens or writes when it is started.
+    """Creates the sink for the address ``text``; it connects, listens or writes when it is started.
 
     Args:
-        text: an address as in `KINDS`; options behind "?", as in ``recording:run.mcap?frames=no``.
+        text: an address as in `KINDS`, with options after "?", as in ``recording:run.mcap?frames=no``.
 
     Raises:
-        InputError: no such kind or option, no host, a recording that stands already.
+        InputError: the kind or an option does not exist, the host is missing, or the recording exists already.
         MissingExtraError: the package for it is not installed.
 
     >>> open_sink("json-udp://127.0.0.1:8766").name

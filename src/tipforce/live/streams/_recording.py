@@ -1,4 +1,4 @@
-"""Estimates into a recording (.mcap), with the images that they are of."""
+"""Writes estimates into a recording (.mcap), with their images."""
 
 import json
 from pathlib import Path
@@ -12,16 +12,16 @@ from ._address import Address
 
 
 class RecordingSink:
-    """Writes every estimate, and the images that were estimated unless ``frames=no``, on the camera's own clock.
+    """Writes every estimate, and its images unless ``frames=no``, on the camera's own clock.
 
-    Images that gave way to newer ones are not in it: `tipforce record` keeps those. Where the file can no longer be
-    written the recording ends with an OutputError, which says how much is kept and where; it does not begin anew.
+    Images that were replaced by newer ones are left out: `tipforce record` keeps those. If the file can no longer be
+    written, the recording ends with an OutputError that states the kept part and its file; it is not started again.
     """
 
     keeps_all = True
 
     def __init__(self, address: Address) -> None:
-        """Raises InputError: no name of a recording, it exists already, or nothing can be written there."""
+        """Raises InputError if the name is not a recording's, the file exists already, or it cannot be written."""
         address.only("frames")
         self.name = address.text
         self._path = Path(address.path)
@@ -38,13 +38,13 @@ class RecordingSink:
         self._zeros = 0
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Begin the file. Raises InputError where it exists already or cannot be written."""
+        """Creates the file. Raises InputError if it exists already or cannot be written."""
         self._writer = RecordingWriter(self._path, info, origin="live")
         self._writer.note("tipforce.live", {"model": model})
         self._last_ns, self._zero_ns, self._zeros = -1, None, 0
 
     def put(self, update: LiveUpdate) -> None:
-        """Write one update. Raises OutputError where the file can no longer be written."""
+        """Writes one update. Raises OutputError if the file can no longer be written."""
         assert self._writer is not None
         try:
             self._put(self._writer, update)
@@ -56,14 +56,14 @@ class RecordingSink:
     def _put(self, writer: RecordingWriter, update: LiveUpdate) -> None:
         stamp_ns = update.estimate.stamp_ns
         self._note_zero(writer, update)
-        if self._frames and update.frames and stamp_ns > self._last_ns:  # a notice has none
+        if self._frames and update.frames and stamp_ns > self._last_ns:  # a notice has no images
             for view, image in update.frames.items():
                 writer.write(Frame(stamp_ns, image, view))
             self._last_ns = stamp_ns
         writer.write_estimate(update.estimate)
 
     def _note_zero(self, writer: RecordingWriter, update: LiveUpdate) -> None:
-        """A record for each zero that was set or undone, from the estimate on from which it counts."""
+        """Writes a record for each zero that was set or removed, before the first estimate that it affects."""
         zero = update.zero
         since_ns = None if zero is None else zero.since_ns
         if since_ns == self._zero_ns:
@@ -72,9 +72,10 @@ class RecordingSink:
         writer.note(f"{SUBTRACTED_FORCE}.{self._zeros}", _zero_record(update.estimate.stamp_ns, zero))
 
     def close(self) -> None:
-        """Finish the file. Raises OutputError where that fails; what it leaves as .part is recovered when it is opened.
+        """Finishes the file; does nothing after an error.
 
-        Nothing happens after an error.
+        Raises:
+            OutputError: the file could not be finished; it stays as .part, and is recovered when it is opened.
         """
         writer, self._writer = self._writer, None
         if writer is not None:
@@ -82,7 +83,7 @@ class RecordingSink:
 
 
 def _zero_record(stamp_ns: int, zero: Zero | None) -> dict[str, str]:
-    """What is subtracted from the estimates from ``stamp_ns`` on."""
+    """Returns the record of the force that is subtracted from the estimates from ``stamp_ns`` on."""
     if zero is None:
         return {"stamp_ns": str(stamp_ns), "magnitude_n": "0.0", "by": ""}
     return {

@@ -1,7 +1,7 @@
-"""WebSocket servers on threads of their own that refuse web pages of other origins.
+"""WebSocket servers on threads of their own that reject web pages of other origins.
 
-A program sends no Origin and is let in. A web page sends one, whichever address it connects to: without this check any
-page that is open in a browser on this machine could read the stream.
+A program sends no Origin header and is accepted. A web page always sends one: without this check any page that is open
+in a browser on this machine could read the stream.
 """
 
 import contextlib
@@ -13,12 +13,12 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.sync.server import Server, ServerConnection, serve
 from websockets.typing import Origin, Subprotocol
 
-_LARGEST_REQUEST = 1 << 16
-"""Bytes of a message from a client."""
-_CLOSE_S = 1.0
-"""So long the end of the run waits for a client that does not answer."""
-_ACKNOWLEDGED_S = 0.05
-"""How often it is checked for the end of the run while a client has not acknowledged what it got."""
+MAX_REQUEST_BYTES = 1 << 16
+"""Largest size of a message from a client in bytes."""
+CLOSE_S = 1.0
+"""Longest wait at the end of the run for a client that does not answer."""
+END_CHECK_S = 0.05
+"""Interval of the check for the end of the run while a client has not acknowledged its messages."""
 
 
 class OriginServer:
@@ -33,41 +33,53 @@ class OriginServer:
         origins: Sequence[str] = (),
         subprotocols: Sequence[Subprotocol] | None = None,
     ) -> None:
-        """``origins``: those that are let in, as in ``http://127.0.0.1:8000``. Raises OSError: the port is in use."""
+        """Begins to listen.
+
+        Args:
+            host: address to listen on.
+            port: port to listen on.
+            handler: serves one connection, on a thread of its own.
+            origins: web pages that are accepted, as in ``http://127.0.0.1:8000``.
+            subprotocols: WebSocket subprotocols that are offered.
+
+        Raises:
+            OSError: the port is in use.
+        """
         self._server: Server = serve(
             handler,
             host,
             port,
             origins=[None, *map(Origin, origins)],
             subprotocols=subprotocols,
-            max_size=_LARGEST_REQUEST,
+            max_size=MAX_REQUEST_BYTES,
             compression=None,  # costs more time than a local network
-            close_timeout=_CLOSE_S,
+            close_timeout=CLOSE_S,
         )
         self._thread = threading.Thread(target=self._server.serve_forever, name=f"serve-{port}", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Stop listening. Open connections end with their handlers."""
+        """Stops listening. Open connections end with their handlers."""
         self._server.shutdown()
         self._thread.join()
 
 
 class OriginDoor:
-    """In front of a WebSocket server that lets every web page in, and feeds slow clients from a queue.
+    """Protects a WebSocket server that accepts every web page and that keeps a queue for slow clients.
 
-    Each client has a connection of its own to that server. Of the messages that come for a client before it has
-    acknowledged the ones before, those with the same key give way to the newest.
+    Each client has a connection of its own to that server. While a client has not acknowledged its messages, new
+    messages with the same key replace each other, and only the newest is sent.
 
     Args:
-        host: where the door listens.
-        port: of the same.
-        behind: where the server listens.
-        origins: web pages that are let in.
-        subprotocol: of WebSocket, of client and server.
-        key_of: what a message is about; None for one that may not be left out.
+        host: address on which clients connect.
+        port: port on which clients connect.
+        behind: host and port of the protected server.
+        origins: web pages that are accepted.
+        subprotocol: WebSocket subprotocol of client and server.
+        key_of: returns the key of a message; None for a message that must not be left out.
 
-    Raises OSError where the port is in use.
+    Raises:
+        OSError: the port is in use.
     """
 
     def __init__(
@@ -86,9 +98,9 @@ class OriginDoor:
         self._server = OriginServer(host, port, self._serve, origins=origins, subprotocols=[self._subprotocol])
 
     def close(self) -> None:
-        """Stop listening, when the server behind has ended and all clients have its last messages."""
+        """Stops listening, after the server behind has ended and all clients have its last messages."""
         with self._left:
-            self._left.wait_for(lambda: self._clients == 0, _CLOSE_S)
+            self._left.wait_for(lambda: self._clients == 0, CLOSE_S)
         self._server.close()
 
     def _serve(self, client: ServerConnection) -> None:
@@ -103,7 +115,7 @@ class OriginDoor:
                 threading.Thread(target=waiting.fill, args=(server,), name="door-out", daemon=True).start()
                 threading.Thread(target=_forward, args=(client, server), name="door-in", daemon=True).start()
                 _feed(client, waiting)
-        except (ConnectionClosed, OSError):  # one of both is gone
+        except (ConnectionClosed, OSError):  # client or server is gone
             pass
         finally:
             with self._left:
@@ -112,7 +124,7 @@ class OriginDoor:
 
 
 class _Waiting:
-    """What waits for a client; the newest of each key."""
+    """Messages that wait for a client; the newest of each key."""
 
     def __init__(self, key_of: Callable[[str | bytes], Hashable]) -> None:
         self._key_of = key_of
@@ -139,7 +151,7 @@ class _Waiting:
             self._changed.notify()
 
     def take(self) -> list[str | bytes]:
-        """Waits for messages and returns them; none where there will be none any more."""
+        """Waits for messages and returns them; returns none after the server has ended."""
         with self._changed:
             self._changed.wait_for(lambda: self._messages or self.ended)
             taken, self._messages = list(self._messages.values()), {}
@@ -147,17 +159,17 @@ class _Waiting:
 
 
 def _feed(client: ServerConnection, waiting: _Waiting) -> None:
-    """Sends what waits, and after it has been acknowledged what came meanwhile."""
+    """Sends the waiting messages; after their acknowledgement, those that came meanwhile."""
     while messages := waiting.take():
         for message in messages:
             client.send(message)
         taken = client.ping(ack_on_close=True)
-        while not waiting.ended and not taken.wait(_ACKNOWLEDGED_S):
+        while not waiting.ended and not taken.wait(END_CHECK_S):
             pass
 
 
 def _forward(client: ServerConnection, server: ClientConnection) -> None:
-    """Passes all that ``client`` says to ``server``, until one of them ends; then the server's end does."""
+    """Passes all messages of ``client`` to ``server`` until one of them ends; then closes the latter."""
     with contextlib.suppress(ConnectionClosed):
         for message in client:
             server.send(message)

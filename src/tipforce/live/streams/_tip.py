@@ -1,4 +1,4 @@
-"""Where the tip is in the base frame, in millimetres, for programs that draw it."""
+"""Pose of the tip in the base frame, in millimetres, for programs that draw it."""
 
 from dataclasses import dataclass
 
@@ -7,29 +7,34 @@ import numpy as np
 from ...types import FloatArray, SessionInfo
 from .._update import LiveUpdate
 
-_STRETCH = 0.05
-"""Share of the catheter's detected length that the direction of the tip is taken from: one point is too noisy."""
+TIP_SHARE = 0.05
+"""The last share of the detected catheter that defines the direction of the tip: one point is too noisy."""
 
 
 @dataclass(frozen=True, slots=True)
 class TipPose:
-    """``position_mm``: x, y of the tip; ``direction``: unit vector toward it; both in the base frame."""
+    """``position_mm``: x, y of the tip; ``direction``: unit vector along the tip; both in the base frame."""
 
     position_mm: tuple[float, float]
     direction: tuple[float, float]
 
     @property
     def matrix(self) -> FloatArray:
-        """(4, 4): from the tip's frame to the base frame, in mm; the tip's x axis points along the tip, z as there."""
+        """(4, 4) from the tip's frame to the base frame, in mm; the tip's x axis points along it, z is the base's."""
         (x, y), (c, s) = self.position_mm, self.direction
         return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def tip_pose(update: LiveUpdate, info: SessionInfo) -> TipPose | None:
-    """The pose of the tip that ``update`` detected.
+    """Returns the pose of the tip that ``update`` detected.
 
-    None where the estimate is not valid, no shape was detected, or the session does not state the scale of the image;
-    also for a projection, which has not one scale.
+    Args:
+        update: the update.
+        info: session metadata, with the scale of the image.
+
+    Returns:
+        None if the estimate is not valid, no shape was detected, or the session does not state the scale of the image;
+        also for a projection, whose scale is not constant.
     """
     shape = update.estimate.shape
     if not update.estimate.valid or shape is None or shape.centreline is None or shape.base is None:
@@ -39,7 +44,7 @@ def tip_pose(update: LiveUpdate, info: SessionInfo) -> TipPose | None:
         return None
     points = shape.base.to_base(shape.centreline.points)
     tip = points[-1]
-    along = tip - points[-1 - max(1, round(_STRETCH * (len(points) - 1)))]
+    along = tip - points[-1 - max(1, round(TIP_SHARE * (len(points) - 1)))]
     length = float(np.hypot(*along))
     if length == 0.0:
         return None
