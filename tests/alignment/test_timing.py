@@ -196,6 +196,23 @@ def test_a_beat_that_repeats_within_the_window_is_refused() -> None:
     assert "fit alike" in found.detail
 
 
+@pytest.mark.parametrize(("rate", "contradicts"), [(1.0, False), (8.0, True)])
+def test_a_beat_that_repeats_contradicts_the_stage_where_no_repetition_is_the_stages(
+    rate: float, contradicts: bool
+) -> None:
+    """Beats all alike, in real time and in slow motion; the stage is on the camera's clock, 3 ms off the truth."""
+    t = np.arange(0, 20, 1e-3)
+    frames = np.arange(0.5, 19.5, 1 / 24.3)
+    force = np.column_stack([0 * t, np.sin(10 * np.pi * t)])
+    bend = np.sin(10 * np.pi * (frames + 0.01)) + np.random.default_rng(0).normal(0, 0.01, len(frames))
+    shape = np.column_stack([bend, 0 * frames, 90 + 0 * frames, 0 * frames])
+    camera_ns, force_ns = np.rint(rate * frames * 1e9).astype(np.int64), np.rint(t * 1e9).astype(np.int64)
+    found = estimate_clock(camera_ns, shape, force_ns, force, shared_ns=-207_000_000)
+    assert found.how == "refused"
+    assert (found.stderr_ms < 18.0) == contradicts
+    assert (abs(found.rate - rate) < 0.01 * rate) or not contradicts
+
+
 @pytest.mark.parametrize("offset_ms", [pytest.param(-1900, marks=slow), pytest.param(500, marks=slow), 3200])
 def test_an_offset_of_seconds_is_found(offset_ms: int) -> None:
     found = estimate_clock(*elastic(offset_ms * 1e-3))

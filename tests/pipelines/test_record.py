@@ -192,6 +192,8 @@ UNSURE = ClockMap(40_000_000, "refused", stderr_ms=8.0, detail="too little motio
         (ClockMap(40_000_000, "refused", 8.0, rate=1.02), "estimated", False, "refused", ""),
         (ClockMap(how="refused", detail="no motion"), "estimated", False, "refused", ""),
         (ClockMap(how="refused", detail="no motion"), "estimated", True, "stage", "no motion"),
+        # the force explains the deflection, but by no line
+        (ClockMap(how="refused", explained=0.9, detail="a clock jumps"), "estimated", True, "refused", ""),
     ],
 )
 def test_the_stage_tells_the_offset_only_where_it_shares_the_cameras_clock(
@@ -215,10 +217,19 @@ def test_the_stage_tells_the_offset_only_where_it_shares_the_cameras_clock(
 
 
 @pytest.mark.parametrize(
-    ("stated", "stage_rate", "how"),
-    [(0.8, 0.8, "stage"), (0.8, 1.0, "refused"), (None, 0.8, "refused"), (None, 1.0, "stage")],
+    ("stated", "stage_rate", "nominal", "how"),
+    [
+        (0.8, 0.8, False, "stage"),
+        (0.8, 1.0, False, "refused"),
+        (None, 0.8, False, "refused"),
+        (None, 1.0, False, "stage"),
+        (None, 1.0, True, "refused"),
+        (1.0, 1.0, True, "stage"),
+    ],
 )
-def test_the_stage_gives_the_offset_at_the_stated_rate_or_not_at_all(monkeypatch, stated, stage_rate, how):
+def test_the_stage_gives_the_offset_at_a_rate_that_is_certain_or_not_at_all(
+    monkeypatch, stated, stage_rate, nominal, how
+):
     seen = ClockMap(how="refused", detail="no motion")
     monkeypatch.setattr(_find_clock, "_estimated", lambda *rest: (seen, rest[4].inertia))
     facts = ForceCorrections(
@@ -231,7 +242,8 @@ def test_the_stage_gives_the_offset_at_the_stated_rate_or_not_at_all(monkeypatch
     found, _ = _find_clock.find_clock(
         _find_clock.DetectedShapes(stamps, [DetectedShape(Status.NO_CATHETER)]), SessionInfo(), stamps,
         np.zeros((10, 3)),
-        facts, _find_clock.ClockChoice("auto", stated), [], stage_shares=True,
+        facts, _find_clock.ClockChoice("auto", stated), [], stage_shares=True, nominal_rate=nominal,
     )  # fmt: skip
     assert found.how == how
+    assert ("state rate=1" in found.detail) == (nominal and stated is None)
     assert found.rate == (stated or 1.0 if how == "stage" else 1.0)

@@ -42,7 +42,7 @@ _FINE_S, _FINE_STEP_S, _FINE_TILT_S = 40e-3, 2e-3, 20e-3
 _NEAR_BEST = 4.0
 """Trial maps that leave so many times more of the bend unexplained than the best one are dropped."""
 _MIN_FRAMES, _MIN_SPAN_S, _MIN_PLAUSIBLE = 50, 3.0, 0.3
-_MIN_EXPLAINED, _MIN_EXPLAINED_INERTIAL = 0.5, 0.8
+MIN_EXPLAINED, _MIN_EXPLAINED_INERTIAL = 0.5, 0.8
 """Share of the bend that the force must explain; the second where the readings hold an unknown inertia: such a fit with
 45 % was off by 230 ms, those with 96 % and more were right (8 simulated sessions)."""
 MAX_STDERR_MS = 5.0
@@ -53,6 +53,11 @@ _RIVAL_RATIO = 1.5
 between blocks, or as a ratio: a single onset of contact counts in one block only."""
 _RIVAL_BLOCK_S = 2.0
 _RIVAL_APART_S = 0.06
+_TRIAL_STDERR_MS = 12.0
+"""Standard error of a trial map that fits clearly better than the stage's: three of it and of the stage's are less than
+the distance of rivals, so that the two maps differ."""
+_ALIKE_STDERR_MS = 1e3 * _RIVAL_APART_S
+"""Standard error of the stage's map where others fit alike."""
 _OTHER_DEGREES = (2, 5)
 """Degrees of the elastic law that are tried too: their results show how much the estimate depends on the degree."""
 _FLOOR_MS = 0.7
@@ -112,7 +117,7 @@ class _Session:
     @property
     def min_explained(self) -> float:
         """Share of the bend that the force must explain."""
-        return _MIN_EXPLAINED_INERTIAL if self.beat_hz else _MIN_EXPLAINED
+        return _MIN_EXPLAINED_INERTIAL if self.beat_hz else MIN_EXPLAINED
 
     def data(
         self, trial: _Trial, frames: BoolArray, margin_s: float, max_blocks: int = _MAX_BLOCKS
@@ -162,8 +167,9 @@ def estimate_clock(
             only in favour of the one that fits best.
 
     Returns:
-        ``how="refused"`` with the reason where the map cannot be determined; its offset and rate, where they are not 0
-        and 1, are only the best of the trial maps.
+        ``how="refused"`` with the reason where the map cannot be determined. Its offset and rate, where they are not 0
+        and 1, are only the best of the trial maps; it has a standard error where it is known how well the stage's map
+        fits beside it. Without one, and with `MIN_EXPLAINED` or more explained, no line through the session fits.
     """
     seen = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
     usable = np.zeros(len(coordinates), np.bool_)
@@ -201,16 +207,23 @@ def estimate_clock(
             f"no offset brings images and force of {_MIN_SPAN_S:g} s together; {_MIN_SPAN_S:g} s are needed"
         )
     best, apart_ns = ranked[0], int(force_ns[0] - frame_ns[0])
-    if 1.0 - best.share < session.min_explained:
-        offset_ns = round(1e9 * best.trial.rate * best.trial.lag_s) - apart_ns
-        return replace(  # a stage on the camera's clock may yet be taken out of the force at this rate
-            _unexplained(1.0 - best.share, session),
-            offset_ns=offset_ns,
-            rate=best.trial.rate,
-            reference_ns=int(force_ns[0]),
-        )
     shared = None if shared_ns is None else _Trial(1.0, 1e-9 * float(apart_ns + shared_ns))
-    if shared is None or best.trial.apart_s(shared, session.time_s) > _RIVAL_APART_S:
+    far = shared is None or best.trial.apart_s(shared, session.time_s) > _RIVAL_APART_S
+    worse = False
+    if shared is not None and far:
+        stage = _refined(session, shared, searched, wide=False)
+        worse = stage is None or not _rivals(best, stage, session)
+
+    def tried(refused: ClockMap, trial: _Trial, stderr_ms: float) -> ClockMap:
+        offset_ns = round(1e9 * trial.rate * trial.lag_s) - apart_ns
+        return replace(
+            refused, offset_ns=offset_ns, rate=trial.rate, stderr_ms=stderr_ms, reference_ns=int(force_ns[0])
+        )
+
+    if 1.0 - best.share < session.min_explained:
+        # a stage on the camera's clock may yet be taken out of the force at this rate
+        return tried(_unexplained(1.0 - best.share, session), best.trial, _TRIAL_STDERR_MS if worse else math.nan)
+    if far:
         rivals = [best]
         for rival in ranked[1:]:
             if all(rival.trial.apart_s(other.trial, session.time_s) > _RIVAL_APART_S for other in rivals) and _rivals(
@@ -219,8 +232,14 @@ def estimate_clock(
                 rivals.append(rival)
         if len(rivals) > 1:
             alike = " and ".join(_named(each.trial, apart_ns) for each in rivals[:4])
-            return _refused(f"{alike} fit alike: the motion repeats itself or is too little", 1.0 - best.share)
-    return _measured(session, best.trial, frame_ns, force_ns)
+            refused = _refused(f"{alike} fit alike: the motion repeats itself or is too little", 1.0 - best.share)
+            if worse:
+                return tried(refused, best.trial, _TRIAL_STDERR_MS)
+            return refused if shared is None else tried(refused, shared, _ALIKE_STDERR_MS)
+    found = _measured(session, best.trial, frame_ns, force_ns)
+    if found.how == "refused" and math.isnan(found.stderr_ms) and worse:
+        return tried(found, best.trial, _TRIAL_STDERR_MS)
+    return found
 
 
 def _outlying(bend: FloatArray) -> BoolArray:

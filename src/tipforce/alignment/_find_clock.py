@@ -1,5 +1,6 @@
 """The clock map of a run: found from the deflection, checked against the stage, or as a person states it."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -11,7 +12,7 @@ from ..io import ClockMap, Inertia
 from ..types import FloatArray, IntArray, SensorInfo, SessionInfo
 from ..vision import DetectedShape
 from ._beat import add_beat
-from ._clock import MAX_STDERR_MS, estimate_clock
+from ._clock import MAX_STDERR_MS, MIN_EXPLAINED, estimate_clock
 from ._deflection import shape_coordinates
 from ._find import ForceCorrections
 from ._inertia import best_inertia, fit_inertia
@@ -75,6 +76,7 @@ def find_clock(
     remarks: list[str],
     *,
     stage_shares: bool = False,
+    nominal_rate: bool = False,
 ) -> tuple[ClockMap, Inertia]:
     """The clock map between camera and force log, and the inertia with the rate of the stage's clock.
 
@@ -88,6 +90,8 @@ def find_clock(
         remarks: sentences for the user are added to it.
         stage_shares: whether camera and stage are known to run on one clock, as where one program recorded both. Then
             the stage's movement in the force tells the offset where the deflection does not.
+        nominal_rate: whether the images' stamps come from the frame rate of a file, which may be wrong: then the stage's
+            movement gives the offset only where the deflection confirms the rate, or a person states it.
 
     Returns:
         ``how="refused"`` with the reason where the map cannot be determined.
@@ -107,7 +111,8 @@ def find_clock(
             )
         return stated, facts.inertia
     rate = choice.rate or 1.0
-    found = _from_stage(found, inertia, rate, stamps, remarks, stage_shares=stage_shares)
+    nominal_rate = nominal_rate and choice.rate is None
+    found = _from_stage(found, inertia, rate, stamps, remarks, stage_shares=stage_shares, nominal_rate=nominal_rate)
     if found.how == "estimated" and found.detail:
         remarks.append(found.detail)
     if found.how == "estimated" and choice.rate is None and found.rate != 1.0:
@@ -179,7 +184,7 @@ def _estimated(
             rate=rate,
             inertial=inertia.how != "estimated" and bool(info.sensor.moving_mass_kg or facts.stage.names),
             removed=inertia.how == "estimated",
-            shared_ns=inertia.lag_ns if stage and rate is None else None,
+            shared_ns=inertia.lag_ns if stage and inertia.rate == (rate or 1.0) == 1.0 else None,
         )
 
     found = by(facts.inertia)
@@ -206,13 +211,22 @@ def _estimated(
 
 
 def _from_stage(
-    found: ClockMap, inertia: Inertia, rate: float, stamps: IntArray, remarks: list[str], *, stage_shares: bool
+    found: ClockMap,
+    inertia: Inertia,
+    rate: float,
+    stamps: IntArray,
+    remarks: list[str],
+    *,
+    stage_shares: bool,
+    nominal_rate: bool,
 ) -> ClockMap:
     """The map by the stage's movement in the force, where the deflection alone is not enough.
 
     The stage must be known to run on the camera's clock, or a less certain deflection must show it; and its movement
     must show in the force at ``rate``, the stated rate of the camera's clock against the log's, or 1. A deflection that
-    contradicts it shows that the images' stamps are not of the stage's clock, whoever states so.
+    contradicts it shows that the images' stamps are not of the stage's clock, whoever states so; so does one that the
+    force explains, but by no line. Where the force explains too little of it, the ``nominal_rate`` of the images is not
+    confirmed.
     """
     if found.how != "refused":
         return found
@@ -224,6 +238,14 @@ def _from_stage(
     if not seen and _apart_ms(found, stage, stamps) > _UNCERTAIN_Z * (found.stderr_ms + _STAGE_STDERR_MS):
         both = f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, which contradicts it"
         return ClockMap(how="refused", explained=found.explained, detail=both)
+    if math.isnan(found.stderr_ms) and found.explained >= MIN_EXPLAINED:
+        return ClockMap(how="refused", explained=found.explained, detail=found.detail)
+    if math.isnan(found.stderr_ms) and nominal_rate:
+        detail = (
+            f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, but nothing shows that "
+            "the frame rate of the images is right: state rate=1 if it is"
+        )
+        return ClockMap(how="refused", explained=found.explained, detail=detail)
     why = (
         f"the deflection, {found.offset_ms:+.1f} +- {found.stderr_ms:.1f} ms, agrees with it but is less certain"
         if seen

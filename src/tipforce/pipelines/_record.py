@@ -258,7 +258,9 @@ def _state_facts(
     found = ForceCorrections(pose, level, inertia, stage, plausible)
     # events of one program run on one clock; files may come from several
     shares = files is None or info.stage.clock == "camera"
-    clocks, inertia = find_clock(seen, info, stamps, force, found, clock, remarks, stage_shares=shares)
+    clocks, inertia = find_clock(
+        seen, info, stamps, force, found, clock, remarks, stage_shares=shares, nominal_rate=files is not None
+    )
     writer.state(clocks)
     own_clock = clocks.force_ns(frames)
     found = replace(found, inertia=inertia)
