@@ -1,21 +1,22 @@
 """The map between the camera's clock and the force log's, offset and rate, from the catheter's own deflection.
 
-An elastic shaft takes its shape at once: shape and force belong to the same instant, friction and contact or not. The
-bending moment at s is the lever from s to the tip times the force, and both lever and bend are in the image. So
+An elastic shaft takes its shape without delay: shape and force belong to the same instant, with friction and contact or
+not. The bending moment at s is the lever from s to the tip times the force, and both lever and bend are in the image.
+So
 
     B = c0(t) + c1 G + c2 G^2 + c3 G^3,    B = integral w(s) dtheta,    G(t) = integral w(s) [lever(s) x F(t)]_z ds,
 
 with theta the shaft's angle, w a bell over the part that bends, c's that hold the unknown stiffness, and a c0 that
 follows the shaft's slow drift. Trial maps come from `search_clock`; the most likely one leaves the smallest residual.
 A free regression on both components of the force is worse by milliseconds: friction goes with the wall's velocity, so
-its coefficient can stand for a shift in time. Physics binds the two components, up to an error of the sensor's angle
+its coefficient can replace a shift in time. Physics binds the two components, up to an error of the sensor's angle
 that is fitted with a prior of two degrees.
 
 The motion of the wall would not do at all: it leads the force by the tissue's loss angle.
 
-What makes the result trustworthy: rivals (another beat, another rate) must leave clearly more of the bend unexplained;
-each stretch of the session on its own must agree with the line; the standard errors hold the scatter between blocks of
-a second and between stretches, and what another elastic law, point of touch or low-pass would change.
+Three checks make the result trustworthy: rivals (another beat, another rate) must leave clearly more of the bend
+unexplained; each stretch of the session on its own must agree with the line; the standard errors hold the scatter
+between blocks of a second and between stretches, and what another elastic law, point of touch or low-pass would change.
 """
 
 import math
@@ -35,12 +36,12 @@ _MAX_BLOCKS, _TRIED_BLOCKS = 150, 90
 _REPLICATES = 100
 _CANDIDATES = 6
 _SEARCHED_S = 90.0
-"""Images of so many seconds are searched for trial maps; the map found is followed over the others."""
+"""Images of at most this length are searched for trial maps; the map found is followed over the others."""
 _WIDE_S, _WIDE_STEP_S, _WIDE_TILT_S = 0.3, 12e-3, 0.08
 """How far a trial map may be off, in its middle and at its ends: friction makes the free regression late or early."""
 _FINE_S, _FINE_STEP_S, _FINE_TILT_S = 40e-3, 2e-3, 20e-3
 _NEAR_BEST = 4.0
-"""Trial maps that leave so many times more of the bend unexplained than the best one are dropped."""
+"""Trial maps that leave more than this multiple of the best one's unexplained bend are dropped."""
 _MIN_FRAMES, _MIN_SPAN_S, _MIN_PLAUSIBLE = 50, 3.0, 0.3
 MIN_EXPLAINED, _MIN_EXPLAINED_INERTIAL = 0.5, 0.8
 """Share of the bend that the force must explain; the second where the readings hold an unknown inertia: such a fit with
@@ -387,7 +388,7 @@ def _measured(session: _Session, trial: _Trial, frame_ns: IntArray, force_ns: In
     if not session.fixed_rate and tilted_s < _SAME_RATE_Z * errors_s[1]:
         straight = _Trial(1.0, final.rate * (at_s + final.lag_s) - at_s)
         same = _measured(replace(session, fixed_rate=1.0), straight, frame_ns, force_ns)
-        # what the rate may be, though 1 is taken for it
+        # the rate may differ from 1 by this, though 1 is taken for it
         return _certain(replace(same, rate_stderr=_digits(math.hypot(errors_s[1], tilted_s) / half)), half)
     reference_ns = int(force_ns[0]) + round(at_s * 1e9)
     camera_ns = int(frame_ns[0]) + round(final.rate * (at_s + final.lag_s) * 1e9)

@@ -90,8 +90,8 @@ def find_clock(
         remarks: sentences for the user are added to it.
         stage_shares: whether camera and stage are known to run on one clock, as where one program recorded both. Then
             the stage's movement in the force tells the offset where the deflection does not.
-        nominal_rate: whether the images' stamps come from the frame rate of a file, which may be wrong: then the stage's
-            movement gives the offset only where the deflection confirms the rate, or a person states it.
+        nominal_rate: whether the images' stamps come from the frame rate of a file, which may be wrong: then the
+            stage's movement gives the offset only where the deflection confirms the rate, or a person states it.
 
     Returns:
         ``how="refused"`` with the reason where the map cannot be determined.
@@ -224,7 +224,7 @@ def _from_stage(
 
     The stage must be known to run on the camera's clock, or a less certain deflection must show it; and its movement
     must show in the force at ``rate``, the stated rate of the camera's clock against the log's, or 1. A deflection that
-    contradicts it shows that the images' stamps are not of the stage's clock, whoever states so; so does one that the
+    differs from it shows that the images' stamps are not of the stage's clock, whoever states so; so does one that the
     force explains, but by no line. Where the force explains too little of it, the ``nominal_rate`` of the images is not
     confirmed.
     """
