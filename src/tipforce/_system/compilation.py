@@ -18,7 +18,7 @@ anew than when it comes from the cache, and then the same seed would not give th
 def compiled_together(files: str, pattern: str, fastmath: Set[str] = frozenset()) -> Callable[..., Any]:
     """A decorator that compiles a kernel of the files beside ``files`` (a module's ``__file__``) named ``pattern``.
 
-    What was compiled is kept on disk between runs. The kept code of one file holds the inlined code of others, but
+    Compiled code is kept on disk between runs. The kept code of one file holds the inlined code of others, but
     numba looks at the date of that one file only: a stamp over all of them makes a change in any count.
     """
     folder = Path(files).parent
@@ -40,7 +40,7 @@ _LOG_EVERY_S = 5.0
 
 
 class _CompilationLog(event.Listener):
-    """Logs what numba compiles: the first use after an installation takes up to a minute longer."""
+    """Logs how many functions numba has compiled: the first use after an installation takes up to a minute longer."""
 
     def __init__(self) -> None:
         self._log = logging.getLogger("tipforce.compilation")

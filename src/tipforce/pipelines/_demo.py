@@ -32,7 +32,7 @@ _EVALUATED_EVERY = 2
 _SPLIT_FOLDS = 4
 """Folds of each split in the comparison of splits."""
 _SPLIT_TUNING_SAMPLES = 100
-"""Of the 165 samples that train in each of these folds, so many choose the settings of the method."""
+"""Largest number of samples, of the 165 that train in each of these folds, to choose the method's settings with."""
 
 
 @dataclass(frozen=True)
