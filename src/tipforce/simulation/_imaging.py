@@ -211,7 +211,7 @@ class CameraImaging:
             scene = self.scene
             values |= {
                 "ground": scene.ground.kind,
-                "tissue_sight": scene.tissue.sight,
+                "tissue_sight": scene.tissue.visibility,
                 "rim_m": scene.tissue.rim_m,
                 "sheath_radius_m": scene.sheath.appearance.radius_m if scene.sheath else 0.0,
                 "fitting": scene.sheath.fitting if scene.sheath else "",

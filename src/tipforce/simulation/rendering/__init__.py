@@ -1,3 +1,3 @@
-"""Images of the simulated bench: camera and fluoroscope, and what both share."""
+"""Images of the simulated bench: camera and fluoroscope, and their common parts."""
 
 __all__: list[str] = []

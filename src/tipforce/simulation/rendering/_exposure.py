@@ -1,4 +1,4 @@
-"""What happens during one exposure, and what its image shows: shared by camera and fluoroscope."""
+"""Motion during one exposure, and the content of its image: common to camera and fluoroscope."""
 
 import math
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ class TissueHome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageTruth:
-    """What is to be seen of the catheter at mid-exposure.
+    """The visible catheter at mid-exposure.
 
     ``mask`` (h, w): pixels of which the catheter covers more than half while nothing covers the catheter.
     ``centreline_px`` (n, 2): the axis, projected through the lens, at the shape's own nodes, base to the tip's apex;
-    pixel centres at integers. The middle between the two outlines lies within 0.005 px of it (perspective shows a
+    pixel centres at integers. The middle between the two outlines is within 0.005 px of it (perspective shows a
     little more of the tube's far side). ``visible`` (n,): whether a node is in the image with nothing in front;
     ``visible_share``: the share of the length of which that is true.
     """
@@ -49,7 +49,7 @@ def sample_exposure(shapes: FloatArray, count: int) -> FloatArray:
     """(m, n, 3) shapes evenly spread over the exposure, first at its start, last at its end -> (count, n, 3).
 
     Evenly spread about mid-exposure with the variance of the exposure itself, linear between the given ones. The
-    middles of equal parts would have less: their mean would be sharper than what the camera sees.
+    middles of equal parts would have less: their mean would be sharper than the image of the camera.
     """
     m = shapes.shape[0]
     if m == 1:

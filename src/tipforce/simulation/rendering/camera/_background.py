@@ -1,4 +1,4 @@
-"""The table under the catheter: its material, how it is lit, and the objects that lie on it."""
+"""The table under the catheter: its material, its lighting, and the objects on it."""
 
 import math
 from collections.abc import Callable
@@ -14,8 +14,8 @@ from ._scene import BackgroundAppearance, CameraScene
 _ATTEMPTS = 12
 _COVERED = 0.12
 _FRONT_FINER = 4
-_FRONT_CLEAR_M = 9e-3
-"""What stands near the camera stays so far from the unbent catheter's axis, but for its blur."""
+MIN_FRONT_DISTANCE_M = 9e-3
+"""Smallest distance of objects near the camera from the axis of the unbent catheter, without their blur."""
 Colour = tuple[float, float, float]
 _CABLES: tuple[Colour, ...] = (
     (38, 38, 40),
@@ -192,7 +192,7 @@ _OBJECTS: tuple[Callable[[SceneCanvas, np.random.Generator, FloatArray], None], 
 def lay_objects(canvas: SceneCanvas, rng: np.random.Generator, axis_px: FloatArray) -> None:
     """As many objects as the scene has, at random places; ``axis_px`` (2, 2): base and unbent tip, image pixels.
 
-    With ``clear_m`` above 0, what would come nearer than that to the axis (but for its shadow) is laid elsewhere.
+    With ``clear_m`` above 0, an object that would be nearer than that to the axis (without its shadow) is moved.
     """
     h, w = canvas.transmittance.shape
     clear = canvas.scene.ground.clear_m * canvas.px_per_m
@@ -208,7 +208,7 @@ def lay_objects(canvas: SceneCanvas, rng: np.random.Generator, axis_px: FloatArr
             canvas.transmittance[:] = 1.0
             canvas.changed.clear()
             paint(canvas, rng, rng.uniform((0.0, 0.0), (w, h)))
-            # A shadow leaves some of the light of what it falls on; the object itself leaves nothing.
+            # A shadow leaves some of the light of the surface below; the object itself leaves nothing.
             done = not (canvas.transmittance[::4, ::4][near] < _COVERED).any()
             new, old = (before, canvas.levels) if done else (canvas.levels, before)
             for part in canvas.changed:
@@ -221,7 +221,7 @@ def lay_objects(canvas: SceneCanvas, rng: np.random.Generator, axis_px: FloatArr
 def paint_front_objects(
     scene: CameraScene, width: int, height: int, px_per_m: float, axis_px: FloatArray
 ) -> tuple[FloatImage, FloatImage]:
-    """(3, h, w) levels and (h, w) share of the view that is left by what stands near the camera, out of focus.
+    """(3, h, w) levels and (h, w) share of the view that objects near the camera, out of focus, leave free.
 
     Painted at a quarter of the image's size, for the blur leaves nothing of it to be seen. It stays off the catheter
     as clutter on the ground does.
@@ -234,7 +234,9 @@ def paint_front_objects(
     start, end = (np.asarray(point) * FINER / _FRONT_FINER for point in axis_px)
     way = end - start
     share = np.clip(((u - start[0]) * way[0] + (v - start[1]) * way[1]) / (way @ way), 0.0, 1.0)
-    near = np.hypot(u - start[0] - share * way[0], v - start[1] - share * way[1]) < _FRONT_CLEAR_M * canvas.px_per_m
+    near = (
+        np.hypot(u - start[0] - share * way[0], v - start[1] - share * way[1]) < MIN_FRONT_DISTANCE_M * canvas.px_per_m
+    )
     for _ in range(scene.front_objects):
         paint = _OBJECTS[int(rng.integers(len(_OBJECTS)))]
         for _ in range(_ATTEMPTS):
@@ -363,7 +365,7 @@ def _metal(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random
 
 
 def _room(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """What stands far behind the bench, all out of focus: edges and patches of whatever is there."""
+    """Paints the room far behind the bench, all out of focus: edges and patches."""
     h, w = canvas.transmittance.shape
     level = np.zeros((h, w), np.float32)
     for _ in range(int(rng.integers(8, 22))):

@@ -58,7 +58,7 @@ class Patch:
         return slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
 
     def times(self, share: float) -> "Patch":
-        """Of something that lets light through."""
+        """Returns the patch of an object that lets light through."""
         return Patch(self.shape, self.part, self.values * np.float32(share))
 
     def joined(self, other: "Patch") -> "Patch":
@@ -115,7 +115,7 @@ def band(start: FloatArray, end: FloatArray, half: float) -> FloatArray:
 
 @dataclass(slots=True, eq=False)
 class SceneCanvas:
-    """``levels`` (h, w, 3), ``transmittance`` (h, w) for what lies below; ``px_per_m`` of the canvas.
+    """``levels`` (h, w, 3), ``transmittance`` (h, w) for the layers below; ``px_per_m`` of the canvas.
 
     ``changed``: where something was laid or darkened, part by part.
     """
@@ -168,7 +168,7 @@ class SceneCanvas:
         height_m: float = 0.0,
         shading: FloatImage | float = 1.0,
     ) -> None:
-        """Lay something of ``colour`` times ``shading`` over what is there, after its shadow where it is high.
+        """Lays an object of ``colour`` times ``shading`` over the canvas, after its shadow if it is high.
 
         A image of either is of ``cover.part``.
         """
@@ -193,7 +193,7 @@ class SceneCanvas:
         return np.clip(bright[cover.seen_from(part)], 0.3, 1.9)
 
     def darken(self, cover: Patch, height_m: float) -> None:
-        """Cast the shadows of something that covers ``cover`` and stands ``height_m`` high."""
+        """Casts the shadows of an object of height ``height_m`` that covers ``cover``."""
         soft = max(0.6, self.scene.shadow_sigma_m(height_m) * self.px_per_m)
         corner = max(1.0, 0.5 * height_m * self.px_per_m)
         falls = self.scene.shadow_falls_m(height_m)
@@ -205,7 +205,7 @@ class SceneCanvas:
             shift = np.array([[1, 0, right_m * self.px_per_m], [0, 1, down_m * self.px_per_m]], np.float32)
             moved = cv2.warpAffine(near, shift, near.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
             left *= 1.0 - np.float32(strength) * soften(np.asarray(moved, np.float32), soft)
-        # Light from all round does not get into the corner where the thing stands either.
+        # Ambient light does not reach the corner at the foot of the object either.
         left *= 1.0 - np.float32(0.25) * soften(near, corner)
         self.levels[part] *= left[..., None]
         self.transmittance[part] *= left
@@ -217,7 +217,7 @@ class SceneCanvas:
         self.transmittance[:] = 1.0 - np.float32(opacity) * (1.0 - self.transmittance)
 
     def seen(self, sigma_px: float) -> tuple[FloatImage, FloatImage]:
-        """Levels (3, h, w) and what is left of the view (h, w), at the image's size, blurred by ``sigma_px``."""
+        """Levels (3, h, w) and free share of the view (h, w), at the image's size, blurred by ``sigma_px``."""
         # The shrinking is itself a blur: a mean over FINER canvas pixels.
         rest = max(0.0, (sigma_px * FINER) ** 2 - (FINER**2 - 1) / 12.0) ** 0.5
         size = (self.transmittance.shape[1] // FINER, self.transmittance.shape[0] // FINER)

@@ -1,7 +1,7 @@
 """One frame before noise: background, shadows, tissue, instruments, catheter and foreground, in this order.
 
-A layer holds, for each pixel, its own light times cover, and in its last plane the share of what lies behind it that
-is still seen (so a shadow is a layer without light of its own). ``clean`` (c, h, w) is changed in place.
+A layer holds, for each pixel, its own light times cover, and in its last plane the visible share of the layers behind
+it (so a shadow is a layer without light of its own). ``clean`` (c, h, w) is changed in place.
 """
 
 import math
@@ -59,7 +59,7 @@ def cast(clean: FloatImage, shade: FloatImage, coarse: int, box: Box) -> None:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def lay_tubes(clean: FloatImage, light: FloatImage, drawn: FloatImage, box: Box) -> None:
-    """Lay ``drawn`` (h, w, 1 + c), lit by ``light`` (h, w), over ``clean``; ``drawn`` is empty afterwards."""
+    """Composes ``drawn`` (h, w, 1 + c), lit by ``light`` (h, w), over ``clean``; ``drawn`` is empty afterwards."""
     for v in range(box[0], box[1]):
         for u in range(box[2], box[3]):
             cover = drawn[v, u, 0]
@@ -72,7 +72,7 @@ def lay_tubes(clean: FloatImage, light: FloatImage, drawn: FloatImage, box: Box)
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def lay_foreground(clean: FloatImage, front: FloatImage, box: Box) -> None:
-    """Lay ``front`` (c + 1, h, w), already lit, over ``clean``."""
+    """Composes ``front`` (c + 1, h, w), already lit, over ``clean``."""
     c = clean.shape[0]
     for v in range(box[0], box[1]):
         left = front[c, v, box[2] : box[3]]
@@ -162,7 +162,7 @@ def lay_moving(
     indentation: FloatArray,
     dirty: npt.NDArray[np.int64],
 ) -> None:
-    """Lay ``sprite`` (2, 2, c + 1, rows, columns) over ``clean``: the mean over ``shifts`` (m, 2).
+    """Composes ``sprite`` (2, 2, c + 1, rows, columns) over ``clean``: the mean over ``shifts`` (m, 2).
 
     Its first two axes are half-pixel phases. A image's pixel (u, v) shows the sprite at (u, v) + shift. ``spans``
     (rows, 4): where each row has something, from and to, and where it has light of its own. ``middle`` (m, 2): where
@@ -191,7 +191,7 @@ def lay_moving(
                 pushed = pushed or abs(v - middle[m, 1]) < reach
         lows, highs = max(ends[0, 0], 0), min(ends[0, 1], w)
         for m in range(count):
-            # What would lie outside the sprite is nothing: the sprite's border is as empty or as full as its margin.
+            # Outside of the sprite there is nothing: the sprite's border is as empty or as full as its margin.
             lows = max(lows, math.ceil(-shifts[m, 0]) + 1)
             highs = min(highs, math.floor(high_column - shifts[m, 0]))
             if v + shifts[m, 1] < 0.0 or v + shifts[m, 1] >= high_row:

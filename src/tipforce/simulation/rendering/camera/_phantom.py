@@ -18,10 +18,10 @@ from ._scene import CameraScene
 MARGIN_M = 24e-3
 """How far the phantom may move from its home and still be whole."""
 _VECTOR = 32
-_RIM_WIDER_M = 1.5e-3
-"""A rim is so much wider than the pad, on either side."""
-_STEP_M = 1e-3
-"""By how much one part stands out over the next."""
+RIM_MARGIN_M = 1.5e-3
+"""A rim is wider than the pad by this, on either side."""
+STEP_HEIGHT_M = 1e-3
+"""Height of the step from one part to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,11 +71,11 @@ def paint_phantom(
     shine = np.clip(multi_scale_noise(rng, shape.shape, (16.0, 50.0), 0.8)[part] - 2.0, 0.0, 1.0)
     lit = mottle * glow * canvas.bevel(shape, 5.0)
     paint = np.asarray(appearance.colour, np.float32) * lit[..., None] + np.float32(60.0) * shine[..., None]
-    canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=_STEP_M)
+    canvas.lay(shape, paint.astype(np.float32, copy=False), height_m=STEP_HEIGHT_M)
     if appearance.rim_m > 0.0:
-        rim = box(-appearance.rim_m, 0.7 * appearance.pad_m[0], appearance.pad_m[1] + _RIM_WIDER_M, 0.5e-3)
+        rim = box(-appearance.rim_m, 0.7 * appearance.pad_m[0], appearance.pad_m[1] + RIM_MARGIN_M, 0.5e-3)
         level = appearance.plate_grey
-        canvas.lay(rim, (level, level, level), height_m=_STEP_M, shading=canvas.bevel(rim, 2.0))
+        canvas.lay(rim, (level, level, level), height_m=STEP_HEIGHT_M, shading=canvas.bevel(rim, 2.0))
     if appearance.opacity < 1.0:
         canvas.fade(appearance.opacity)
     return Phantom(*_sprite(canvas, channels, sigma_px), margin + 0.25, home.surface_m, into, px_per_m)
@@ -96,7 +96,7 @@ def _lay_carrier(
     arm = box(body - 2e-3, reach_m, appearance.arm_half_m, 1e-3)
     drum = box(plate - 1e-3, body, appearance.body_m[1], 2e-3)
     disc = box(pad - 1e-3, plate, appearance.plate_m[1], 0.6e-3)
-    # All parts are about as high as one another: their shadow falls on the ground, and hardly on their neighbours.
+    # All parts have about the same height: their shadow falls on the ground, and little on their neighbours.
     canvas.darken(arm.joined(drum).joined(disc.joined(shape)), scene.ground.depth_m)
     groove = 0.10 * np.exp(-((_aside(arm.part, origin, along) / (0.18 * appearance.arm_half_m * unit)) ** 2))
     bright = (canvas.bevel(arm, 3.0) * (1 - groove)).astype(np.float32)
@@ -105,11 +105,11 @@ def _lay_carrier(
     canvas.lay(
         drum,
         (appearance.body_grey, appearance.body_grey, 1.02 * appearance.body_grey),
-        height_m=_STEP_M,
+        height_m=STEP_HEIGHT_M,
         shading=bright,
     )
     plate_colour = (appearance.plate_grey, appearance.plate_grey, appearance.plate_grey)
-    canvas.lay(disc, plate_colour, height_m=_STEP_M, shading=canvas.bevel(disc, 1.8))
+    canvas.lay(disc, plate_colour, height_m=STEP_HEIGHT_M, shading=canvas.bevel(disc, 1.8))
     for side in (-0.8, 0.8):
         at = origin + unit * ((0.5 * (pad + plate)) * into + side * appearance.plate_m[1] * along)
         head = canvas.disc(at, min(1.6e-3, 0.42 * appearance.plate_m[0]) * unit)

@@ -1,4 +1,4 @@
-"""From shapes in space to the camera's image, and to what that image shows of the catheter."""
+"""From shapes in space to the camera's image, and to the visible catheter in it."""
 
 import threading
 
@@ -18,7 +18,7 @@ from ._tube_model import instrument_shape
 
 
 class CameraRenderer:
-    """Draws the images of one session; its methods may be called from several threads at once.
+    """Draws the images of one session; several threads may call its methods at the same time.
 
     ``camera`` sees the base frame (metres: x along the base's tangent, y to the left of it, z to the camera); it is
     usually ``scene.camera(width, height)``, which is taken where none is given. ``length_m``: of the catheter, base to
@@ -71,7 +71,7 @@ class CameraRenderer:
         )
 
     def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> ImageTruth:
-        """What there is to be seen of the catheter in that image."""
+        """Returns the visible catheter in that image."""
         return image_truth(self._layers, self._buffers(), shapes_m, tissue, time_s)
 
     def _composed(self, shapes_m: FloatArray, tissue: TissueState | None, time_s: float) -> Buffers:
@@ -111,7 +111,7 @@ def image_truth(
 def _left_in_front(
     layers: StaticLayers, buffers: Buffers, tissue: TissueState | None, time_s: float
 ) -> npt.NDArray[np.float32]:
-    """(h, w): share of the catheter's light that comes past all that may stand in front of it."""
+    """(h, w): share of the catheter's light that passes the objects in front of it."""
     scene = layers.scene
     left = np.ones(layers.light.shape, np.float32) if layers.foreground is None else layers.foreground[-1].copy()
     instrument, second = scene.instrument, layers.second

@@ -1,4 +1,4 @@
-"""What one session's camera looks at: drawn once, the same for every frame."""
+"""The scene of one session's camera: drawn once, the same for every frame."""
 
 import math
 from dataclasses import dataclass
@@ -41,10 +41,10 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True)
 class TubeFinish:
-    """How a tube's surface takes the light; levels are what a camera sees at light 1, grey or (red, green, blue).
+    """Reflection of a tube's surface; levels are of a camera at light 1, grey or (red, green, blue).
 
-    ``shaft`` and ``metal``: levels of a face turned to the camera. ``gloss_grey``: the most a highlight adds.
-    ``sharpness``: exponent of the shaft's highlight. ``rim_grey``: what the silhouette mirrors of the ground (Fresnel).
+    ``shaft`` and ``metal``: levels of a face turned to the camera. ``gloss_grey``: largest level that a highlight adds.
+    ``sharpness``: exponent of the shaft's highlight. ``rim_grey``: reflection of the ground at the rim (Fresnel).
     """
 
     shaft: tuple[float, float, float]
@@ -64,8 +64,8 @@ class Lighting:
     """``level``: overall; ``gradient``: relative change across the image along ``gradient_rad`` (in the image).
 
     ``vignetting``: loss in the corners. ``spot``: how much brighter the middle of a lamp's pool is than its rim, and
-    ``spot_at``: where, in shares of the image. ``lamps`` carry what ``ambient`` leaves of 1; ``lamp_size_rad``: how
-    large the lamps look from the table, which is what softens their shadows.
+    ``spot_at``: its position, in shares of the image. ``lamps`` carry the rest of the light after ``ambient``;
+    ``lamp_size_rad``: angular size of the lamps from the table, which softens their shadows.
     """
 
     level: float
@@ -108,7 +108,7 @@ class CatheterAppearance:
 
 @dataclass(frozen=True, slots=True)
 class BackgroundAppearance:
-    """``kind``: board, cloth, paper or breadboard; ``depth_m``: below the base frame's plane; ``objects`` lie on it.
+    """``kind``: board, cloth, paper or breadboard; ``depth_m``: below the base frame's plane; ``objects`` are on it.
 
     ``texture_grey``: standard deviation of the unevenness; ``lines_grey``: contrast of weave, print or holes.
     ``clear_m``: every object is at least this far from the unbent catheter's axis; 0 or less: anywhere.
@@ -127,11 +127,11 @@ class BackgroundAppearance:
 class TissueAppearance:
     """A silicone pad on a plate, on a round sensor, on the arm of a stage; sizes in metres.
 
-    ``over_tip``: the pad is taller than the catheter and hides what the tip sinks in, else the tip is seen on the pad.
-    ``carrier``: whether plate, sensor and arm are in view. ``rim_m``: how far a rim stands out before the face and
-    hides what happens there (then ``over_tip`` too). ``opacity``: of tissue and carrier, below 1 in fluid.
-    ``face_radius_m``: positive where the face is convex, negative where it is concave. ``sight``: how tissue and
-    carrier are seen, or why they are not.
+    ``over_tip``: the pad is taller than the catheter and hides the sunken tip, else the tip is visible on the pad.
+    ``carrier``: whether plate, sensor and arm are in view. ``rim_m``: length of a rim before the face that
+    hides the indentation (then ``over_tip`` too). ``opacity``: of tissue and carrier, below 1 in fluid.
+    ``face_radius_m``: positive where the face is convex, negative where it is concave. ``visibility``: how far tissue
+    and carrier are visible.
     """
 
     colour: Colour
@@ -149,7 +149,7 @@ class TissueAppearance:
     rim_m: float = 0.0
     opacity: float = 1.0
     face_radius_m: float | None = None
-    sight: str = "in view"
+    visibility: str = "in view"
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +187,7 @@ class Occluder:
 class Sheath:
     """The tube out of whose mouth, at the base, the catheter comes; ``appearance``: without metal.
 
-    ``fitting``: "", "stopper" or "clamp", what sits on its last ``fitting_m``, of ``fitting_colour``.
+    ``fitting``: "", "stopper" or "clamp", the part on its last ``fitting_m``, of ``fitting_colour``.
     """
 
     appearance: CatheterAppearance
@@ -212,7 +212,7 @@ class CoverPlate:
 
 @dataclass(frozen=True, slots=True)
 class SensorPipeline:
-    """What a camera does between its sensor and its file.
+    """The steps of a camera between its sensor and its file.
 
     ``mosaic``: one colour a pixel (Bayer), the others interpolated. ``sharpen``: unsharp mask of this strength and of
     ``sharpen_px``. ``grey``: the image is turned to grey at the end.
@@ -226,12 +226,12 @@ class SensorPipeline:
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """Where the camera stands and how sharp it sees.
+    """Position and sharpness of the camera.
 
     ``base_at_m`` (2,): the base, right and down from the middle of the image's left border; ``base_turn_rad``: its
     tangent from the image's u axis, counter-clockwise as displayed. ``yaw_rad``, ``pitch_rad``: the camera's turn
     about its own vertical and horizontal axes, held on the middle of the image. ``blur_px``: sigma in the base
-    frame's plane; ``sharpest_m``: where the focus lies above that plane (towards the camera); ``defocus_px_per_m``.
+    frame's plane; ``sharpest_m``: height of the focus above that plane (towards the camera); ``defocus_px_per_m``.
     """
 
     scale_m_per_px: float
@@ -261,7 +261,7 @@ class Lens:
 
 @dataclass(frozen=True, slots=True)
 class CameraScene:
-    """All that a session's images depend on but for what moves; see `sample_scene` for where it comes from.
+    """All parameters of a session's images but those that move; `sample_scene` draws them.
 
     ``colour``: images are (h, w, 3) RGB, else (h, w). ``seed``: of textures and noise. ``front_objects``: things out
     of focus between camera and catheter, blurred by ``front_blur_px``.
@@ -290,7 +290,7 @@ class CameraScene:
         return self.lens.camera(width, height)
 
     def shadow_falls_m(self, depth_m: float) -> list[tuple[float, float, float]]:
-        """For each lamp: how far right and down the shadow of something ``depth_m`` above lies, and its strength."""
+        """Returns for each lamp the shift (right, down) of the shadow of an object ``depth_m`` above, and strength."""
         light = self.light
         facing = light.ambient + sum(lamp.strength * lamp.direction[2] for lamp in light.lamps)
         falls: list[tuple[float, float, float]] = []
@@ -300,5 +300,5 @@ class CameraScene:
         return falls
 
     def shadow_sigma_m(self, depth_m: float) -> float:
-        """Softness of a shadow ``depth_m`` below what throws it: the lamp's size as a Gaussian."""
+        """Softness of a shadow ``depth_m`` below its object: the lamp's size as a Gaussian."""
         return depth_m * math.tan(self.light.lamp_size_rad) / 2.0

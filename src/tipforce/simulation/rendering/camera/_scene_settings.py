@@ -30,7 +30,7 @@ Ground = Literal["board", "cloth", "paper", "breadboard", "printed", "metal", "r
 
 
 class SceneRanges(Settings):
-    """What the camera's images vary over from session to session. The defaults are the preset ``bench-2021``.
+    """Ranges of the camera's images from session to session. The defaults are the preset ``bench-2021``.
 
     Grey levels are those of a surface that faces the camera at light 1.
     """
@@ -45,7 +45,7 @@ class SceneRanges(Settings):
     camera_distance_m: Range = (0.35, 0.50)
     base_side: Literal["left", "right", "top", "bottom"] = "left"
     base_inset_m: Number = -1.6e-3
-    """How far inside the image's border the base lies; negative: beyond it."""
+    """Distance of the base inside the image's border; negative: beyond it."""
     base_shift_m: Range = (-1e-3, 1e-3)
     base_turn_deg: Range = (-2.0, 2.0)
     yaw_deg: Range = (-2.0, 2.0)
@@ -58,11 +58,11 @@ class SceneRanges(Settings):
     """Sigma of lens and pixel, in the base frame's plane, at 640 columns."""
     defocus_px_per_m: Range = (10.0, 60.0)
     sharpest_m: Range = (-8e-3, 8e-3)
-    """Height above the base frame's plane where the focus lies; the ground lies deeper and is more blurred."""
+    """Height of the focus above the base frame's plane; the ground is deeper and more blurred."""
     noise_grey: Range = (2.0, 5.0)
     """Standard deviation of shot and read noise at mid grey (128)."""
     read_noise_share: Range = (0.3, 0.7)
-    """Of that standard deviation."""
+    """Share of the read noise in that standard deviation."""
 
     light: Range = (0.8, 1.2)
     light_gradient: Range = (0.0, 0.25)
@@ -73,7 +73,7 @@ class SceneRanges(Settings):
     lamps: Some = (1, 2)
     lamp_elevation_deg: Range = (40.0, 78.0)
     lamp_size_deg: Range = (2.0, 18.0)
-    """As seen from the table: what makes shadows soft."""
+    """Angular size from the table; it makes shadows soft."""
     ambient: Range = (0.35, 0.70)
     """Share of the light that comes from all round."""
 
@@ -88,7 +88,7 @@ class SceneRanges(Settings):
     """Below the catheter."""
     objects: Some = (1, 5)
     objects_clear_m: Range = (14e-3, 20e-3)
-    """They stay this far from the unbent catheter's axis; where it is not above 0, they may lie under the catheter."""
+    """They stay this far from the unbent catheter's axis; with 0 or less they may be under the catheter."""
 
     diameter_m: Positive = 2.33e-3
     electrode_m: Positive = 8e-3
@@ -102,7 +102,7 @@ class SceneRanges(Settings):
     gloss_grey: Range = (15.0, 110.0)
     gloss_sharpness: Range = (15.0, 90.0)
     rim_grey: Range = (5.0, 45.0)
-    """What the silhouette mirrors of its surroundings."""
+    """Reflection of the surroundings at the silhouette."""
     wear: Range = (0.0, 0.08)
 
     tissue_colours: tuple[tuple[NotNegative, NotNegative, NotNegative], ...] = (
@@ -111,15 +111,15 @@ class SceneRanges(Settings):
     carrier: bool = Field(default=True, exclude_if=lambda shown: shown)
     """Plate, force sensor and the stage's arm behind the tissue; False: the tissue alone is in view."""
     tissue_over_tip: Share = 0.0
-    """Sessions in which the phantom is so tall that it hides what the tip sinks in."""
+    """Share of sessions in which the phantom is so tall that it hides the sunken tip."""
 
     second_instrument: Share = 0.0
     """Sessions with another instrument in view."""
     hidden_share: Range = (0.0, 0.0)
-    """Of the shaft, behind strips of tape, brackets or cables that lie across it."""
+    """Share of the shaft that is behind strips of tape, brackets or cables."""
 
     variety: SceneVariety | None = Field(default=None, exclude_if=operator.not_)
-    """What is drawn besides, of other people's benches."""
+    """Further variation, of other people's benches."""
 
 
 BENCH_2021 = SceneRanges()
@@ -195,7 +195,7 @@ VARIED = GENERALISE.model_copy(
         "tissue_over_tip": 0.0,
     }
 )  # fmt: skip
-"""Other people's benches: what is drawn of them beyond `GENERALISE` stands in `SceneVariety`."""
+"""Other people's benches: `SceneVariety` holds the variation beyond `GENERALISE`."""
 _TURNS = {"left": 0.0, "right": math.pi, "bottom": math.pi / 2, "top": -math.pi / 2}
 
 
@@ -209,7 +209,7 @@ def sample_scene(
 ) -> CameraScene:
     """One session's scene. ``length_m``: of the catheter, base to apex, which covers and instruments are laid along.
 
-    Where the ranges have a ``variety``, ``framing`` and ``catheter_rng`` are what it is drawn with, see `vary_scene`.
+    Where the ranges have a ``variety``, it is drawn with ``framing`` and ``catheter_rng``, see `vary_scene`.
 
     >>> one, two = (sample_scene(SceneRanges(), np.random.default_rng(3)) for _ in range(2))
     >>> one == two

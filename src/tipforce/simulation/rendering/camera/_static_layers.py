@@ -1,4 +1,4 @@
-"""All that is painted once a session, and what stands in front of the shaft: tape, brackets and cables."""
+"""Everything that is painted once a session, and objects in front of the shaft: tape, brackets and cables."""
 
 import math
 from dataclasses import dataclass, replace
@@ -68,8 +68,8 @@ def _tube_layer(
 
 _LINE = 33
 """Points of a straight tube."""
-_SHEATH_M = 60e-3
-"""So much of a sheath is drawn behind its mouth, and nearly as much again by `Tube.nodes`: to beyond the border."""
+SHEATH_LENGTH_M = 60e-3
+"""Length of a sheath that is drawn behind its mouth; `Tube.nodes` adds nearly as much: to beyond the border."""
 
 
 def _sheath_layer(
@@ -79,7 +79,7 @@ def _sheath_layer(
     sheath = scene.sheath
     if sheath is None:
         return None
-    parts = [(sheath.appearance, _SHEATH_M)]
+    parts = [(sheath.appearance, SHEATH_LENGTH_M)]
     if sheath.fitting == "stopper":
         finish = replace(sheath.appearance.finish, shaft=sheath.fitting_colour)
         wide = replace(sheath.appearance, radius_m=_STOPPER_WIDER * sheath.appearance.radius_m, finish=finish)
@@ -87,7 +87,7 @@ def _sheath_layer(
     layer: FloatImage | None = None
     for appearance, length in parts:
         tube = make_tube(scene, appearance, length, px_per_m, focus, depth_m, scene.seed + 2)
-        layer = _over(_tube_layer(tube, length, camera, focus, light, cut=length < _SHEATH_M), layer)
+        layer = _over(_tube_layer(tube, length, camera, focus, light, cut=length < SHEATH_LENGTH_M), layer)
     return layer
 
 
@@ -141,8 +141,8 @@ def _lay_occluder(canvas: SceneCanvas, camera: CameraModel, cover: Occluder, rng
 class StaticLayers:
     """A session's still parts; images are (c, h, w) float32, grey levels, lit but for the phantom's.
 
-    ``light`` (h, w); ``foreground`` (c + 1, h, w) or None: what stands in front, last the share of the view that is
-    left; ``foreground_box``: where that is anything. ``px_per_m``: at the base. ``gauss``: see `gauss_table`.
+    ``light`` (h, w); ``foreground`` (c + 1, h, w) or None: objects in front, last the share of the view that is
+    left; ``foreground_box``: box around them. ``px_per_m``: at the base. ``gauss``: see `gauss_table`.
     """
 
     scene: CameraScene
@@ -168,7 +168,7 @@ def paint(
     px_per_m = float(np.sqrt(abs(np.linalg.det(slopes[0, :, :2]))))
     depth = float(camera.camera_from_world.translation_m[2])
     lens, finer = scene.lens, width / 640.0
-    # The blur is given in the base frame's plane; the sharpest that the lens gets lies ``sharpest_m`` above it.
+    # The blur is given in the base frame's plane; the sharpest plane of the lens is ``sharpest_m`` above it.
     sharp = math.sqrt(max(lens.blur_px**2 - (lens.defocus_px_per_m * lens.sharpest_m) ** 2, 0.25))
     focus = Focus(sharp * finer, depth - lens.sharpest_m, lens.defocus_px_per_m * finer)
     here, below = focus.sigma_px(depth), focus.sigma_px(depth + scene.ground.depth_m)

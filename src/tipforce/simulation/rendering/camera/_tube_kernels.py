@@ -1,4 +1,4 @@
-"""Drawing a tube: every pixel near it finds its place along and across the axis, and looks up what is seen there.
+"""Drawing a tube: every pixel near it finds its position along and across the axis, and looks up its light there.
 
 Between two nodes the axis is a cubic (Hermite). The planes across the axis at the nodes part the pixels, so each is
 drawn once. The distance to the axis is exact to 1e-4 px for bends wider than three tube widths.
@@ -78,7 +78,7 @@ def add_tube(
 
     ``nodes`` (n, 8), see `NODE_SIZE`; the last is the middle of the dome. ``table``, ``half_width``, ``reach``,
     ``blurs`` (2,): a `TubeProfile`. ``start_m``, ``step_m``: arc length at the first node, between nodes; ``along``
-    (m, 2 c + 1): what matte light, metal light (c each) and gloss are worth from arc length 0 on, `POINTS_PER_M` apart.
+    (m, 2 c + 1): weights of matte light, metal light (c each) and gloss from arc length 0 on, `POINTS_PER_M` apart.
     ``blunt``: exponent of the end's outline, 2 for a dome, more for a flatter end. ``braid`` (3,): how much lighter and
     darker the shaft's braid is, its turns per metre (radians) and its strands over half the circumference.
     """
@@ -129,7 +129,7 @@ def add_tube(
                         across = (ahead**blunt + abs(ry * tx - rx * ty) ** blunt) ** (1.0 / blunt)
                     if across > far:
                         continue
-                    # The edge of a blurred disc lies further in than the disc's; see below for the sides.
+                    # The edge of a blurred disc is further in than the disc's; see below for the sides.
                     lean = 0.5 + 0.5 * math.erf(ahead / (1.414 * sigma))
                     shifted = across + lean * sigma * sigma / (2.0 * max(across, 0.5 * wide))
                     if shifted > far:
@@ -210,7 +210,7 @@ def add_shadow(shade: FloatImage, nodes: FloatArray, fall: FloatArray, sigma: fl
         tx, ty, ox, oy = nodes[i, 2], nodes[i, 3], nodes[i + 1, 2], nodes[i + 1, 3]
         length = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
         last = i == count - 2
-        more = far if last else 0.0  # the last stretch draws what lies beyond it too
+        more = far if last else 0.0  # the last piece draws the pixels beyond it, too
         cx, cy = bx + more * ox, by + more * oy
         ended = total - done < 4.0 * sigma + 2.0 * length + more
         for v in range(max(0, int(min(ay, cy) - far)), min(h, int(max(ay, cy) + far) + 2)):

@@ -37,7 +37,7 @@ class TubeProfile:
 
 
 def _lobe(normal: FloatArray, lamp: Lamp, sharpness: float) -> FloatArray:
-    """Highlight of ``lamp`` where ``normal`` (..., 3) lies halfway between it and the camera."""
+    """Highlight of ``lamp`` where ``normal`` (..., 3) is halfway between it and the camera."""
     half = np.array(lamp.direction) + np.array([0.0, 0.0, 1.0])
     half /= np.linalg.norm(half)
     return np.maximum(0.0, normal @ half) ** sharpness
@@ -81,15 +81,15 @@ def tube_profile(
     return TubeProfile(table, half_width_px, reach, blur_px)
 
 
-_STRETCH_M = 1.2e-3
-"""About this far apart lie the nodes: 6 px at 0.2 mm/px."""
+NODE_DISTANCE_M = 1.2e-3
+"""Approximate distance of the nodes: 6 px at 0.2 mm/px."""
 
 
 @dataclass(frozen=True, slots=True)
 class Focus:
     """Blur of a point by its depth: sigma^2 = ``sharp_px``^2 + (``px_per_m`` (depth - ``depth_m``))^2.
 
-    ``depth_m``: distance from the camera, along its axis, of what is sharpest.
+    ``depth_m``: distance of the sharpest plane from the camera, along its axis.
     """
 
     sharp_px: float
@@ -121,7 +121,7 @@ def _operators(count: int, at: tuple[float, ...]) -> tuple[FloatArray, FloatArra
 def _sides(points: FloatArray, slopes_3d: FloatArray, position: FloatArray, radius: float, sides: FloatArray) -> None:
     """Points of the tube where its outline is seen from ``position``: (m, 3) axis and its slopes -> (2, m, 3).
 
-    There the line of sight touches: normal . (point - position + radius normal) = 0, normal across the axis.
+    The ray of the camera touches there: normal . (point - position + radius normal) = 0, normal across the axis.
     """
     for i in range(points.shape[0]):
         tx, ty, tz = slopes_3d[i, 0], slopes_3d[i, 1], slopes_3d[i, 2]
@@ -147,11 +147,11 @@ def project_tube(
 ) -> TubeNodes:
     """Nodes of a tube whose axis has ``shapes`` (instants, n, 3), base to the tip's apex, uniform in arc length.
 
-    The tube goes on straight for ``behind_m`` behind the base; it ends in a dome. What is called the axis in the
-    image is the middle between its two outlines; the projected axis lies within 0.005 px of it.
+    The tube goes on straight for ``behind_m`` behind the base; it ends in a dome. The axis in the image is
+    the middle between its two outlines; the projected axis is within 0.005 px of it.
     """
     count, n = shapes.shape[:2]
-    stretches = max(4, math.ceil((length_m - radius_m) / _STRETCH_M))
+    stretches = max(4, math.ceil((length_m - radius_m) / NODE_DISTANCE_M))
     step = (length_m - radius_m) / stretches
     place = tuple(float(x) for x in np.arange(stretches + 1) * step / length_m * (n - 1))
     values, rises = _operators(n, place)
@@ -180,16 +180,16 @@ def project_tube(
     return TubeNodes(nodes.reshape(count, -1, NODE_SIZE), -step, step)
 
 
-_BEHIND_M = 50e-3
-"""A tube goes on straight for this far behind its base: its shadow may be in the image where it is not."""
+STRAIGHT_BEHIND_M = 50e-3
+"""A tube goes on straight for this length behind its base: its shadow may be in the image while the tube is outside."""
 _IN_FRONT_M, _BEHIND_SHARE = 5e-3, 0.4
-"""How far the second instrument lies before the catheter, or what share of the way down to the ground behind it."""
+"""Distance of the second instrument before the catheter, or its share of the way to the ground behind it."""
 _NODES = 33
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tube:
-    """What never changes about a tube that is drawn every frame; arrays as `add_tube` takes them."""
+    """The constant parts of a tube that is drawn every frame; arrays as `add_tube` takes them."""
 
     length_m: float
     radius_m: float
@@ -201,7 +201,7 @@ class Tube:
 
     def nodes(self, shapes_m: FloatArray, camera: CameraModel, focus: Focus) -> TubeNodes:
         """Where to draw the tube with ``shapes_m`` (m, n, 3)."""
-        return project_tube(shapes_m, self.length_m, self.radius_m, _BEHIND_M, camera, focus)
+        return project_tube(shapes_m, self.length_m, self.radius_m, STRAIGHT_BEHIND_M, camera, focus)
 
 
 def make_tube(
@@ -229,7 +229,7 @@ def make_tube(
 
 
 def _materials(appearance: CatheterAppearance, length_m: float, channels: int, sigma_m: float, seed: int) -> FloatImage:
-    """(m, 2 c + 1): what matte light, metal light and gloss are worth by arc length, blurred as the image is."""
+    """(m, 2 c + 1): weights of matte light, metal light and gloss by arc length, blurred as the image is."""
     rng = np.random.default_rng([seed, 4])
     s = (np.arange(int((length_m + 1e-3) * POINTS_PER_M)) + 0.5) / POINTS_PER_M
     back = length_m - s

@@ -1,4 +1,4 @@
-"""What the benches of other people differ in, session by session: camera, framing, sheath, catheter, tissue in view."""
+"""Differences between the benches of other people: camera, framing, sheath, catheter, tissue in view."""
 
 import math
 from dataclasses import dataclass, replace
@@ -24,14 +24,14 @@ from ._scene import (
 
 
 class SceneVariety(Settings):
-    """What a scene draws beyond `SceneRanges`. A range is (low, high): one uniform draw a session, or a catheter."""
+    """Ranges of a scene beyond `SceneRanges`. A range is (low, high): one uniform draw a session, or a catheter."""
 
     scale_m_per_px: Range = (0.10e-3, 0.30e-3)
-    """Of the images as they are; no less than lets the catheter be in view."""
+    """Scale of the images; no smaller than lets the catheter be in view."""
     margin_m: Positive = 4e-3
     """Between the catheter, wherever it goes, and the image's borders, but for the one it comes from."""
     distance_over_field: Range = (1.2, 2.5)
-    """Of the camera, over the width of what it shows."""
+    """Distance of the camera over the width of its field."""
 
     sheath_m: Range = (0.0, 40e-3)
     """In view before its mouth."""
@@ -63,9 +63,9 @@ class SceneVariety(Settings):
 
     rim_share: Share = 0.5
     rim_m: Range = (0.0, 3e-3)
-    """How far a rim stands out before the tissue and hides the indentation."""
+    """Length of a rim that is before the tissue and hides the indentation."""
     hidden_share: Share = 1 / 3
-    """Sessions in which tissue and carrier are out of sight, or of the ground's grey."""
+    """Share of sessions in which tissue and carrier are hidden, or of the ground's grey."""
     most_behind_m: NotNegative = 15e-3
     """Where a plate or the border would hide more of the tip than this, the tissue is in fluid or of the ground's grey
     instead."""
@@ -82,11 +82,11 @@ class SceneVariety(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Framing:
-    """What the person who sets up the camera sees of the session: where catheter and tissue go.
+    """Positions of catheter and tissue, as the person who sets up the camera knows them.
 
-    ``size``: of the images. ``reach_m`` (k, 3): where catheter and tip are at times spread over the session.
-    ``forward`` (2,): the way into the tissue. ``face_m``: how far along it the face stands when the stage has come
-    farthest against the tip; ``behind_m``: how far the tip ever goes beyond that. ``aside_m``: of the touched point,
+    ``size``: of the images. ``reach_m`` (k, 3): positions of catheter and tip at times spread over the session.
+    ``forward`` (2,): the direction into the tissue. ``face_m``: position of the face along it when the stage has come
+    farthest against the tip; ``behind_m``: longest way of the tip beyond that. ``aside_m``: of the touched point,
     across. ``face_radius_m``: as in `TissueAppearance`.
     """
 
@@ -122,12 +122,12 @@ def vary_scene(
     sheath = _sheath(catheter, variety, rng)
     framing = _before_corners(framing, scene.tissue.pad_m[1])
     tissue = _tissue(replace(scene, ground=ground), variety, framing, rng)
-    lens, inset = _frame(scene.lens, variety, framing, tissue.sight == "cropped", rng)
+    lens, inset = _frame(scene.lens, variety, framing, tissue.visibility == "cropped", rng)
     covers = scene.occluders
     if sheath.fitting == "clamp" and inset > sheath.fitting_m:
         covers = (*covers, Occluder("bracket", -sheath.fitting_m, -0.2e-3, float(rng.uniform(-0.1, 0.1)),
                                     sheath.fitting_colour))  # fmt: skip
-    cover = _cover_plate(framing, rng) if tissue.sight == "behind a plate" else None
+    cover = _cover_plate(framing, rng) if tissue.visibility == "behind a plate" else None
     grey_camera = bool(rng.random() < variety.grey_share)
     mosaic = bool(rng.random() < variety.mosaic_share)
     return replace(
@@ -150,7 +150,7 @@ def vary_scene(
 
 
 def _before_corners(framing: Framing, half_m: float) -> Framing:
-    """The same with a concave face's corners as what stands foremost."""
+    """Returns the same framing with a concave face's corners in front."""
     if framing.face_radius_m is None or framing.face_radius_m > 0.0:
         return framing
     out = -float(face_depths(framing.face_radius_m, np.array([half_m]))[0])
@@ -230,11 +230,11 @@ def _tissue(scene: CameraScene, variety: SceneVariety, framing: Framing, rng: np
     if framing.behind_m <= variety.most_behind_m:
         # One of four; where the border is no place to crop at, the plate takes its part.
         ways += ["behind a plate", "cropped" if _crop_axis(framing) else "behind a plate"]
-    sight = ways[int(rng.integers(len(ways)))]
-    tissue = replace(tissue, sight=sight)
-    if sight == "in fluid":
+    visibility = ways[int(rng.integers(len(ways)))]
+    tissue = replace(tissue, visibility=visibility)
+    if visibility == "in fluid":
         return replace(tissue, opacity=float(rng.uniform(*variety.fluid_opacity)))
-    if sight == "of the ground's grey":
+    if visibility == "of the ground's grey":
         level = float(np.dot(scene.ground.colour, (0.299, 0.587, 0.114)))
         return replace(tissue, colour=scene.ground.colour, plate_grey=level, body_grey=level, arm_grey=level)
     return tissue
@@ -252,7 +252,7 @@ _STRAIGHT_ENOUGH = math.cos(math.radians(25.0))
 
 
 def _crop_axis(framing: Framing) -> str:
-    """The border beyond which the tissue can lie: "far" from the base, "left" or "right" of its tangent, or none."""
+    """The border beyond which the tissue can be: "far" from the base, "left" or "right" of its tangent, or none."""
     along, across = (float(x) for x in framing.forward)
     if along > _STRAIGHT_ENOUGH:
         return "far"
@@ -286,7 +286,7 @@ def _frame(
         least = max(least, variety.scale_m_per_px[0])
         scale = float(rng.uniform(least, max(least, variety.scale_m_per_px[1])))
         if axis == "far":
-            scale = least  # the border lies at the tissue's face
+            scale = least  # the border is at the tissue's face
             inset = scale * px_along - ahead
         half = 0.5 * scale * px_across
         aside = float(rng.uniform(margin - half - low[1], half - margin - high[1]))

@@ -1,7 +1,7 @@
 """Bones, wires and leads of a chest as tubes in space, and its soft parts as ellipsoids; the patient's frame, metres.
 
-Not a copy of anybody: rough shapes of the usual sizes, enough to lay on the image the edges and gradients that
-fluoroscopy of the heart has.
+The shapes copy no person: they are rough, of the usual sizes, and give the image the edges and gradients of cardiac
+fluoroscopy.
 """
 
 import math
@@ -41,7 +41,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Blob:
-    """An ellipsoid with half axes ``half_m`` along the patient's axes; ``per_m``: over what surrounds it."""
+    """An ellipsoid with half axes ``half_m`` along the patient's axes; ``per_m``: difference to its surroundings."""
 
     middle_m: tuple[float, float, float]
     half_m: tuple[float, float, float]
@@ -107,7 +107,7 @@ def spine_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
 
 
 def chest_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
-    """What moves a little with the breath: ribs, the lung's vessels, sternal wires, leads on the skin."""
+    """The parts that move a little with the breath: ribs, the lung's vessels, sternal wires, leads on the skin."""
     return [*_ribs(anatomy, rng), *_vessels(anatomy, rng), *_sternal(anatomy, rng), *_leads(anatomy, rng)]
 
 
@@ -200,7 +200,7 @@ def heart_blobs(anatomy: Anatomy) -> list[Blob]:
 
 
 def liver_blobs(anatomy: Anatomy) -> list[Blob]:
-    """What lies below the two domes of the diaphragm, breathed out."""
+    """The organs below the two domes of the diaphragm, breathed out."""
     contrast = anatomy.lung * (PER_M["soft_tissue"] - PER_M["lung"])
     right, left = anatomy.dome_m + 8e-3, anatomy.dome_m - 6e-3
     return [

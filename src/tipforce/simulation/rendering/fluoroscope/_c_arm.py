@@ -1,4 +1,4 @@
-"""A C-arm as a pinhole camera: focal spot, detector, and how they stand around the patient."""
+"""A C-arm as a pinhole camera: focal spot, detector, and their positions around the patient."""
 
 import math
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from ....types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class CArm:
-    """Where the focal spot and the detector of one plane stand, in DICOM's words.
+    """Positions of the focal spot and the detector of one plane, in DICOM's words.
 
     ``primary_deg``: positioner primary angle, positive toward LAO (the patient's left), 0 = from behind to the front
     (AP); ``secondary_deg``: positive toward cranial. ``source_detector_m``; ``source_object_m``: focal spot to
@@ -33,7 +33,7 @@ class CArm:
 
     @property
     def magnification(self) -> float:
-        """Of what lies at the isocentre, on the detector."""
+        """Magnification of an object at the isocentre, on the detector."""
         return self.source_detector_m / self.source_object_m
 
     def imager_spacing_m(self, width: int = 512) -> float:
@@ -93,7 +93,7 @@ def perturbed(true: CArm, rms_px: float, rng: np.random.Generator, *, reach_m: f
         )
 
     size = 1.0
-    for _ in range(4):  # what moves the points is all but linear in the size
+    for _ in range(4):  # the shift of the points is nearly linear in the size
         off = moved(size).camera().project(grid) - seen
         size *= rms_px / float(np.sqrt((off**2).sum(axis=1).mean()))
     return moved(size)

@@ -113,7 +113,7 @@ def sample_photons(means: FloatImage, key: Words, alias: Words, gauss: FloatImag
                 if mean < few:
                     place = np.sqrt(max(mean, zero)) * per_step
                     k = int(place)
-                    # The chance of the upper table that keeps the mean: tables lie evenly in the root of the mean.
+                    # The chance of the upper table that keeps the mean: tables are even in the root of the mean.
                     part = (place * place - k * k) / (2 * k + 1)
                     word = words[u]
                     other = np.uint32(np.uint32(word ^ (word >> np.uint32(7))) * np.uint32(0x9E3779B1))
@@ -165,7 +165,7 @@ def _add(total: FloatImage, counts: PhotonCounts, weight: float, fresh: bool) ->
 def with_lag(planes: Sequence[PhotonCounts], weights: FloatArray, total: FloatImage) -> None:
     """``planes``: this frame's photons, then those of the frames before it, as far as there are any.
 
-    What frames that are not there would leave behind is taken from this one, so that the brightness is the same.
+    The lag of frames that do not exist is taken from this one, so that the brightness is the same.
     """
     known = weights[: len(planes)].copy()
     known[0] += 1.0 - known.sum()

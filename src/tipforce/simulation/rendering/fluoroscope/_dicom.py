@@ -28,7 +28,7 @@ def write_dicom(
     """Write ``frames`` (n of (h, w), of one `XrayRenderer` with ``bits``) with their stamps as one multi-frame file.
 
     Geometry is the calibration as stated, never the truth. Times are the stamps: ContentTime is their zero, FrameDelay
-    and FrameTimeVector count from there, so planes of one run stay on one clock whichever frames were dropped. Planes
+    and FrameTimeVector count from there, so planes of one run stay on one clock with any dropped frames. Planes
     of one scene share study, series and frame of reference. The same arguments give the same bytes. Lossless, not
     compressed.
 
@@ -104,7 +104,7 @@ def _add_geometry(data: Any, scene: XrayScene, view: int, width: int) -> None:
 
 
 def _add_acquisition(data: Any, scene: XrayScene, view: int) -> None:
-    """X-ray acquisition module: what is known of the beam."""
+    """X-ray acquisition module: the known values of the beam."""
     beam = scene.views[view].beam
     data.KVP = f"{beam.kvp:g}"
     data.RadiationSetting, data.RadiationMode = "SC", "PULSED"
@@ -119,7 +119,7 @@ def _add_pixels(pydicom: Any, data: Any, frames: Images, stamps: npt.NDArray[np.
     """Multi-frame, cine and image pixel modules."""
     data.NumberOfFrames = len(frames)
     data.FrameIncrementPointer = pydicom.tag.Tag("FrameTimeVector")
-    # The first increment is 0 by definition, and what lies before the first frame is the delay; all in milliseconds.
+    # The first increment is 0 by definition, and the time before the first frame is the delay; all in milliseconds.
     data.FrameDelay = f"{int(stamps[0]) / 1e6:.6f}"
     data.FrameTimeVector = [f"{step:.6f}" for step in np.diff(stamps, prepend=stamps[:1]) / 1e6]
     data.Rows, data.Columns = frames[0].shape

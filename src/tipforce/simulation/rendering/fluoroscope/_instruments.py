@@ -1,4 +1,4 @@
-"""What catheters, wires and leads are made of."""
+"""Materials of catheters, wires and leads."""
 
 import math
 
@@ -15,7 +15,7 @@ from ._tube_model import AxialProfile, Layer, Tube, axial_profile, loaded_polyme
 Sections = list[tuple[float, float, int, float]]
 """From, to (m along the tube), number of the material, strength."""
 _BLOOD = Layer(0.0, 1.0, -PER_M["soft_tissue"])
-"""A tube takes the place of what would be there without it."""
+"""A tube replaces the blood at its position."""
 
 
 def _sleeve(thickness_m: float, radius_m: float) -> Layer:

@@ -15,7 +15,7 @@ from ._tube_kernels import transmittance
 
 FloatImage = npt.NDArray[np.float32]
 BLOCK = 8
-"""Side, in pixels, of the blocks on which what is spread wide is computed."""
+"""Side, in pixels, of the blocks on which widely spread light is computed."""
 
 
 def soft_layers(
@@ -62,7 +62,7 @@ def direct_light(
 ) -> None:
     """Share of the rays that comes through all layers into ``light`` (h, w), its means into ``blocks``.
 
-    ``chest`` is read from column ``left`` and row ``top`` on, between pixels; ``taken`` (h, w): what tubes take.
+    ``chest`` is read from column ``left`` and row ``top`` on, between pixels; ``taken`` (h, w): tubes' absorption.
     """
     h, w = still.shape
     i, j = math.floor(top), math.floor(left)

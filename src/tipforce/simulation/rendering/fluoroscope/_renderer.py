@@ -1,4 +1,4 @@
-"""From shapes in space to the fluoroscope's image, and to what that image shows of the catheter."""
+"""From shapes in space to the fluoroscope's image, and to the visible catheter in it."""
 
 import math
 import threading
@@ -40,7 +40,7 @@ _FIELD = 0.33
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pulse:
-    """What `XrayRenderer.render` draws one image of; see there."""
+    """Input of one image of `XrayRenderer.render`; see there."""
 
     shapes_m: FloatArray
     tissue: TissueState | None = None
@@ -79,7 +79,7 @@ class _Buffers:
 
 
 class XrayRenderer:
-    """Draws the images of one view of one session; its methods may be called from several threads at once.
+    """Draws the images of one view of one session; several threads may call its methods at the same time.
 
     ``length_m``: of the catheter, base to apex. ``bits``: 8 gives uint8 images, 9 to 16 give uint16 ones. The same
     scene, shapes, frame number and ``before`` give the same bytes on any thread and in any order.
@@ -140,7 +140,7 @@ class XrayRenderer:
 
         ``tissue``: where the heart's wall has moved to, and the heart's shadow with it; without it the heart beats by
         the scene's own rhythm. ``before``: the pulses before this one, newest last, whose lag is still seen;
-        `memory` of them matter. What of them this thread has drawn last is not drawn again.
+        `memory` of them matter. The last ones that this thread has drawn are not drawn again.
         """
         now = Pulse(shapes_m, tissue, frame, time_s)
         known = list(before)[-self.memory :] if self.memory else []
@@ -171,7 +171,7 @@ class XrayRenderer:
         return buffers.light.copy()
 
     def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> ImageTruth:
-        """What there is to be seen of the catheter in that image; neither tissue nor time change it."""
+        """Returns the visible catheter in that image; neither tissue nor time change it."""
         del tissue, time_s
         h, w = self._layers.still.shape
         return image_truth(self.camera, sample_exposure(checked(shapes_m), 1)[0], self.scene.catheter.radius_m, h, w)
@@ -213,7 +213,7 @@ class XrayRenderer:
         direct_light(layers.still, layers.chest, left, top, soft, buffers.taken, buffers.light, buffers.blocks)
 
     def _lay_tubes(self, buffers: _Buffers, pulse: Pulse) -> None:
-        """What catheter and devices take from the light into ``buffers.taken``."""
+        """Adds the absorption of catheter and devices to ``buffers.taken``."""
         layers = self._layers
         for item in layers.devices:
             points = swayed(item.instrument, item.points_m, item.share, self.scene.rhythm, pulse.time_s)
@@ -228,7 +228,7 @@ class XrayRenderer:
         buffers.spans[:] = no_spans(len(buffers.spans))
 
     def _measured(self) -> FloatArray:
-        """(5,) what of the rays reaches the measuring field without the catheter, by the patient's breath."""
+        """(5,) share of the rays that reaches the measuring field without the catheter, by the patient's breath."""
         buffers = self._buffers()
         h, w = buffers.light.shape
         v, u = np.mgrid[0:h, 0:w]
@@ -285,7 +285,7 @@ def _covered(camera: CameraModel, points_m: FloatArray, radius_m: float, height:
     """
     steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
-    # The middle of the dome lies one radius before its apex.
+    # The middle of the dome is one radius before its apex.
     even = np.linspace(0.0, max(arc[-1] - radius_m, 0.0), 2 * len(arc))
     middle = np.stack([np.interp(even, arc, points_m[:, k]) for k in range(3)], axis=1)
     depth = camera.camera_from_world.apply(middle)[:, 2]
@@ -299,7 +299,7 @@ def _covered(camera: CameraModel, points_m: FloatArray, radius_m: float, height:
 def image_truth(camera: CameraModel, points_m: FloatArray, radius_m: float, height: int, width: int) -> ImageTruth:
     """Truth of a image of a catheter along ``points_m`` (n, 3), in the camera's world.
 
-    Nothing hides what X-rays pass: visible is what lies in the image, however faint it may be.
+    Nothing hides an object from X-rays: every point in the image is visible, however faint it may be.
     """
     centreline = camera.project(points_m)
     near = np.rint(np.nan_to_num(centreline, nan=-9.0))

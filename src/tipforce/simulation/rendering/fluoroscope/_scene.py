@@ -1,4 +1,4 @@
-"""What one session's fluoroscope looks at, and with what: drawn once, the same for every frame."""
+"""The scene and the device of one session's fluoroscope: drawn once, the same for every frame."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class XrayBeam:
-    """What leaves the tube, and how much of it arrives."""
+    """Spectrum and intensity of the beam, and its share that arrives."""
 
     photons: float
     """Detected photons a pixel at 512 columns, mean over the measuring field in the image's middle."""
@@ -45,20 +45,20 @@ class Detector:
     blur_tail: float
     """Share of the second."""
     lag: tuple[tuple[float, float], ...]
-    """Exponentials: share of the light, and what is left of it a frame later."""
+    """Exponentials: share of the light, and its rest a frame later."""
     electronic: float
     """Noise of a pixel, sigma in photons."""
     line_noise: float
     """Noise of a row, sigma in photons."""
     curve: str
-    """Of the display: log or linear."""
+    """Curve of the display: log or linear."""
     contrast: float
     """Log: grey levels (of 256) for a factor e in the light; linear: grey level of ``photons``."""
 
 
 @dataclass(frozen=True, slots=True)
 class XrayView:
-    """One plane: ``true``: how it stands; ``stated``: what its calibration says, which is all that a user is told."""
+    """One plane: ``true``: its true position; ``stated``: its calibration, the only one that a user gets."""
 
     true: CArm
     stated: CArm

@@ -16,7 +16,7 @@ from ._scene import Anatomy, CatheterConstruction, Detector, Instrument, Rhythm,
 
 
 class XrayRanges(Settings):
-    """What fluoroscopy varies over from session to session. The defaults are the preset ``fluoro``: one view."""
+    """Ranges of fluoroscopy from session to session. The defaults are the preset ``fluoro``: one view."""
 
     planes: Literal[1, 2] = 1
     between_planes_deg: Range = (80.0, 100.0)
@@ -65,7 +65,7 @@ class XrayRanges(Settings):
 
     base_side: Literal["left", "right", "top", "bottom"] = "bottom"
     base_inset_m: Range = (-1.6e-3, -1.6e-3)
-    """How far inside the first view's border the base lies; negative: beyond it. Inside, the sheath is in view."""
+    """Distance of the base inside the first view's border; negative: beyond it. Inside, the sheath is in view."""
     base_shift_m: Range = (-10e-3, 10e-3)
     """Along that border."""
     base_turn_deg: Range = (-12.0, 12.0)
@@ -156,7 +156,7 @@ def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]
     )
     arms = [first]
     if ranges.planes == 2:
-        # The second arm stands across: its primary angle is found so that the central rays part by what is drawn.
+        # The second arm is across: its primary angle is found so that the central rays have the drawn angle.
         apart, second = _of(rng, ranges.between_planes_deg), _of(rng, (-5.0, 5.0))
         s1, s2 = math.radians(first.secondary_deg), math.radians(second)
         cosine = (math.cos(math.radians(apart)) - math.sin(s1) * math.sin(s2)) / (math.cos(s1) * math.cos(s2))
@@ -250,7 +250,7 @@ def _anatomy(ranges: XrayRanges, rng: np.random.Generator) -> Anatomy:
 
 
 def _instruments(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Instrument, ...]:
-    """What else is in the heart, and with some odds a probe behind it."""
+    """Draws the other instruments in the heart, and with some odds a probe behind it."""
     found: list[Instrument] = []
     for _ in range(int(rng.integers(ranges.devices[0], ranges.devices[1] + 1))):
         kind = str(rng.choice(["wire", "sinus", "ventricle", "lead"], p=[0.3, 0.3, 0.25, 0.15]))
@@ -265,7 +265,7 @@ def _instruments(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Instrume
 
 
 def _route(kind: str, rng: np.random.Generator) -> tuple[FloatArray, float]:
-    """Knots in millimetres, and the radius; the venae cavae lie at the patient's right, the sinus at the back left."""
+    """Knots in millimetres, and the radius; the venae cavae are at the patient's right, the sinus at the back left."""
     if kind == "wire":
         side = rng.choice([-1.0, 1.0])
         rows: Rows = [(-25, 25, -130), (-22, 20, -60), (-15, 10, -10), (5, 0, 25), (25, -5, 45), (32 * side, -8, 62)]

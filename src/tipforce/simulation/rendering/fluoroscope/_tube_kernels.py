@@ -19,12 +19,12 @@ from .._raster import columns
 
 STEPS_PER_PX = 16
 POINTS_PER_M = 50_000.0
-"""Steps of what varies along a tube: 20 um; between them it is linear."""
+"""Steps of the values that vary along a tube: 20 um; between them they are linear."""
 FloatImage = npt.NDArray[np.float32]
 _LEAN = 0.8
 """Square of the cosine between axis and ray beyond which a tube is drawn as discs: 27 degrees from the ray."""
-_STEP_PX = 0.3
-"""Discs lie no farther apart than this in the image: their sum is even to 0.3 %."""
+MAX_STEP_PX = 0.3
+"""Largest distance of discs in the image: their sum is even to 0.3 %."""
 _SOFT_PX = 1.0
 """Half the width over which a disc is smeared along the axis: the pixel's own aperture and the focal spot."""
 
@@ -176,7 +176,7 @@ def _add_discs(
             0.5 * (nodes[i, 2] + nodes[j, 2]),
         )
         cosine = abs(dx * mx + dy * my + dz * mz) / (length_m * math.sqrt(mx * mx + my * my + mz * mz))
-        step_px = _STEP_PX * (1.0 + min(1.0, wide * cosine))  # leaning discs are smeared more
+        step_px = MAX_STEP_PX * (1.0 + min(1.0, wide * cosine))  # leaning discs are smeared more
         count = max(1, math.ceil(max(seen_px / step_px, length_m * px_per_m / 2.0)))
         turn = nodes[i, 5] * nodes[j, 6] - nodes[i, 6] * nodes[j, 5]
         norm = math.sqrt((nodes[i, 5] ** 2 + nodes[i, 6] ** 2) * (nodes[j, 5] ** 2 + nodes[j, 6] ** 2))
@@ -249,7 +249,7 @@ def add_tube(
 ) -> None:
     """Add the attenuation of a tube along ``points`` (n, 3), world, m, uniform in arc length, to ``drawn`` (h, w).
 
-    ``spans`` (h, 2) grows to hold what is touched. ``camera``: `CameraModel.row` (no distortion is looked at);
+    ``spans`` (h, 2) grows to contain the touched pixels. ``camera``: `CameraModel.row` (distortion is ignored);
     ``table``, ``half_px``, ``reach_px``: `SectionProfile`; ``amount``, ``size``: `AxialProfile`.
     """
     nodes = np.empty((points.shape[0], 7))
@@ -264,7 +264,7 @@ def add_tube(
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def fold_instant(drawn: FloatImage, spans: IntArray, mean: FloatImage, weight: float) -> None:
-    """Add ``weight`` times what ``drawn`` takes from the light, 1 - exp(-drawn), to ``mean``; empty ``drawn``."""
+    """Adds ``weight`` times the absorption of ``drawn``, 1 - exp(-drawn), to ``mean``; empties ``drawn``."""
     share, over = np.float32(weight), np.float32(1.0 / 64.0)
     for v in range(drawn.shape[0]):
         first, end = spans[v, 0], spans[v, 1]
@@ -277,7 +277,7 @@ def fold_instant(drawn: FloatImage, spans: IntArray, mean: FloatImage, weight: f
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def join_taken(tube: FloatImage, spans: IntArray, taken: FloatImage) -> None:
-    """What one behind the other takes: 1 - (1 - ``taken``) (1 - ``tube``), into ``taken``; empty ``tube``."""
+    """Joins the absorption of two tubes, 1 - (1 - ``taken``) (1 - ``tube``), in ``taken``; empties ``tube``."""
     for v in range(tube.shape[0]):
         for u in range(spans[v, 0], spans[v, 1]):
             taken[v, u] += tube[v, u] * (np.float32(1.0) - taken[v, u])
@@ -314,9 +314,9 @@ def _lay_slab(
     size: FloatArray,
     active: IntArray,
 ) -> None:
-    """Add to ``drawn`` what ``kept`` pixels of a slab take; ``heap``: their u, v, and how far from its two planes.
+    """Adds the absorption of ``kept`` pixels of a slab to ``drawn``; ``heap``: their u, v, distances to its planes.
 
-    What needs no table goes through vector instructions, with roots and divisions: all numbers lie in one array, a
+    Steps without a table go through vector instructions, with roots and divisions: all numbers are in one array, a
     fixed way apart, so that the compiler sees that they do not overlap.
     """
     last, top = table.shape[1] - 2, size.size - 2
@@ -371,7 +371,7 @@ def add_side_view(
 ) -> None:
     """`add_tube` for tubes that are seen from the side: planes across the axis at the nodes part the pixels.
 
-    What changes along the tube is smeared over the aperture and over how far its discs lean.
+    Values that change along the tube are smeared over the aperture and over the lean of its discs.
     """
     h, w = drawn.shape
     n = nodes.shape[0]
@@ -400,7 +400,7 @@ def add_side_view(
         thicker = metres * px_per_m
         lean = wide * math.sqrt(max(1.0 - 1.0 / (thicker * thicker), 0.0))
         before, after = (2.0 if i == 0 else 0.0), (2.0 if j == n - 1 else 0.0)  # the ends' blurred edges
-        # Only what there is of materials on this stretch is looked up; the smear reaches over its ends.
+        # Only the materials on this piece are looked up; the smear reaches over its ends.
         margin = (0.6 + lean + 2.0) * metres
         first = min(max(int((start_s - margin) * POINTS_PER_M), 0), top)
         final = min(max(int((s + margin) * POINTS_PER_M) + 1, 0), top + 1)

@@ -1,4 +1,4 @@
-"""Layered tubes: how strongly their materials attenuate, what a section takes from the rays, how it changes along them.
+"""Layered tubes: attenuation of their materials, absorption of a section, and their change along the tube.
 
 80 kVp behind 3 mm of aluminium and a chest is attenuated like a single energy near 50 keV. Values: mass attenuation
 coefficients at 50 keV (NIST XCOM / Hubbell and Seltzer 1995; mixtures by weight) times the usual densities. One energy
@@ -29,9 +29,9 @@ class Layer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectionProfile:
-    """What tubes of some materials take from the light across their width.
+    """Absorption of tubes of some materials across their width.
 
-    ``table`` (materials, across) float32: attenuation of a tube that lies across the rays, by the distance from its
+    ``table`` (materials, across) float32: attenuation of a tube across the rays, by the distance from its
     middle in steps of 1 / `STEPS_PER_PX` px, 0 to ``reach_px``, where the tube's radius is ``half_px``.
     """
 
@@ -53,7 +53,7 @@ class AxialProfile:
 
 
 def chord_attenuation(layers: tuple[Layer, ...], radius_m: float, across_m: FloatArray) -> FloatArray:
-    """-ln of what is left of rays that pass a straight tube at right angles, ``across_m`` beside its axis."""
+    """-ln of the share of rays that pass a straight tube at right angles, ``across_m`` beside its axis."""
     total = np.zeros_like(across_m)
     for layer in layers:
         outer, inner = (np.sqrt(np.maximum((x * radius_m) ** 2 - across_m**2, 0.0)) for x in (layer.outer, layer.inner))
@@ -66,7 +66,7 @@ def section_profiles(
 ) -> SectionProfile:
     """Tables of tubes of these ``materials``, seen through an aperture of ``blur_px`` (sigma).
 
-    What the aperture averages is the light, not its logarithm: the edges of opaque metal lie where they are seen.
+    The aperture averages the light, not its logarithm: the edges of opaque metal are where they are visible.
     """
     half = radius_m * px_per_m
     reach = math.ceil(half + 4.0 * blur_px) + 1.0
