@@ -169,7 +169,7 @@ def rename(old: str, new: str) -> Callable[[Rows], None]:
         (rename("fx_n", "fx_mn"), TableError, r"'fx_mn' is a force, and forces are read in newtons"),
         (drop("file_name"), TableError, r"either a column file_name or columns shape_NAME"),
         (lambda rows: [drop(c)(rows) for c in ("fx_n", "fy_n")], TableError, r"no force column"),
-        (rename("knob_deg", "knob"), TableError, r"'knob' does not say its unit"),
+        (rename("knob_deg", "knob"), TableError, r"'knob' does not state its unit"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_one_clear_sentence(

@@ -66,7 +66,7 @@ def test_images_are_read_one_row_group_at_a_time(tmp_path: Path, monkeypatch: py
         ({"fx_n": None}, r"has no force column"),
         ({"image": None}, r"has no column of images"),
         ({"session": [""] * 6}, r"a\.parquet row 0, column session: is empty"),
-        ({"speed": [1.0] * 6}, r"'speed' does not say its unit"),
+        ({"speed": [1.0] * 6}, r"'speed' does not state its unit"),
     ],
 )
 def test_a_shard_that_cannot_be_used_is_one_clear_sentence(

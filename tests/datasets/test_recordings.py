@@ -58,7 +58,7 @@ def test_files_of_the_same_session_name_stay_apart(tmp_path: Path) -> None:
 
 def test_a_recording_without_forces_names_what_it_has(tmp_path: Path) -> None:
     write_run(tmp_path / "a.mcap", "first", 50, forces=False)
-    with pytest.raises(InputError, match=r"a\.mcap: to learn from it, a recording needs a stream 'force'; it has"):
+    with pytest.raises(InputError, match=r"a\.mcap: to train on it, a recording needs a stream 'force'; it has"):
         open_dataset(tmp_path)
 
 

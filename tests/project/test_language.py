@@ -41,7 +41,6 @@ REMAINING: dict[str, int] = {
     "alignment": 76,
     "calibration": 110,
     "control": 55,
-    "datasets": 69,
     "estimators": 219,
     "geometry": 2,
     "limits": 12,

@@ -1,4 +1,4 @@
-"""Labelled samples, sessions and splits."""
+"""Labelled samples, their sessions, and splits."""
 
 from ._calibration_images import calibration_images
 from ._dataset import Dataset, RowStore

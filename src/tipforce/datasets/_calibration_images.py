@@ -1,4 +1,4 @@
-"""The images of a session on which its detection is resolved."""
+"""The images of a session on which its detection settings are resolved."""
 
 import numpy as np
 
@@ -8,14 +8,15 @@ from ._dataset import Dataset
 
 
 def calibration_images(dataset: Dataset, session: str, view: str) -> tuple[Image, ...]:
-    """Returns images from all over ``session`` of ``dataset``, or of what it is a part of; their labels play no part.
-
-    None where the clamp is advanced in that session, for then they show the catheter from different places.
+    """Returns images that are spread over a session; their labels are not used.
 
     Args:
-        dataset: with images.
-        session: the name of one of its sessions.
-        view: of the images.
+        dataset: a dataset with images; where it is a part of another dataset, the images come from the whole.
+        session: name of one of its sessions.
+        view: view of the images.
+
+    Returns:
+        The images; empty if the clamp is advanced in that session, because the base then moves in the images.
     """
     whole = dataset.whole or dataset
     rows = np.flatnonzero(whole.session == session)

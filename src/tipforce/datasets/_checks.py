@@ -1,7 +1,7 @@
-"""What a dataset on disk states of its own files, so that missing and damaged ones are found when they are read.
+"""Checksums that a dataset states for its own files, so that missing and damaged files are found when they are read.
 
-Images beside a table: the CRC-32 of each in the column ``note_crc32`` (``note_VIEW_crc32``). Parquet shards: their
-pages carry their own checksums; ``dataset.json`` states size and CRC-32 of each shard's footer, under ``files``.
+The CRC-32 of each image file is in the column ``note_crc32`` (``note_VIEW_crc32``) of the table. The pages of Parquet
+shards contain checksums; ``dataset.json`` states size and CRC-32 of each shard's footer, under ``files``.
 """
 
 import re
@@ -15,21 +15,21 @@ from ..errors import FileFormatError
 
 _NUMBERED = re.compile(r"(.*)-(\d{5})-of-(\d{5})(\.parquet)$")
 _FOOTER_END = struct.Struct("<I4s")
-_REMEDY = "copy the dataset again from where it was made, or make it anew"
+_REMEDY = "copy the dataset again from its source, or make it again"
 
 
 def crc_column(view: str) -> str:
-    """Name of the column with the checksums of the images of ``view``; "" for the only one."""
+    """Returns the name of the column with the checksums of the images of ``view``; "" if there is only one view."""
     return f"note_{view}_crc32" if view else "note_crc32"
 
 
 def crc_text(data: bytes) -> str:
-    """CRC-32 as it is stated."""
+    """Returns the CRC-32 of ``data`` as eight hexadecimal digits."""
     return f"{zlib.crc32(data):08x}"
 
 
 def check_image(path: Path, stated: str) -> None:
-    """Raises FileFormatError where the bytes of ``path`` are not those of the stated checksum; "" states none."""
+    """Raises FileFormatError if the file at ``path`` does not have the checksum ``stated``; "" is not checked."""
     if stated and path.is_file() and crc_text(path.read_bytes()) != stated:
         raise FileFormatError(
             f"{path}: is damaged or was changed (its CRC-32 is not the {stated} that the table states); {_REMEDY}"
@@ -37,21 +37,22 @@ def check_image(path: Path, stated: str) -> None:
 
 
 def shard_facts(paths: Iterable[Path]) -> dict[str, dict[str, Any]]:
-    """Name -> what ``dataset.json`` states of each shard."""
+    """Returns name -> size and checksum of each shard, as ``dataset.json`` states them."""
     return {path.name: {"bytes": path.stat().st_size, "footer_crc32": crc_text(_footer(path))} for path in paths}
 
 
 def check_shards(paths: Sequence[Path], files: Mapping[str, Any], facts: str, *, whole: bool) -> None:
-    """Holds shards to what is stated of them.
+    """Compares shards with the stated sizes and checksums.
 
     Args:
-        paths: of the shards.
-        files: name -> what ``dataset.json`` states; empty where it states nothing.
+        paths: paths of the shards.
+        files: name -> stated size and checksum; empty if ``dataset.json`` states none.
         facts: path of ``dataset.json``, for messages.
-        whole: these are all shards of their folder; missing ones are told by the names of those that are there, too.
+        whole: whether these are all shards of their folder; missing shards are then found, also by the numbers in the
+            names of the others.
 
     Raises:
-        FileFormatError: a shard is missing, of another size or with another footer, or not one of the dataset's.
+        FileFormatError: a shard is missing, has another size or footer, or does not belong to the dataset.
     """
     there = {path.name: path for path in paths}
     wanted = set(files)
@@ -67,7 +68,7 @@ def check_shards(paths: Sequence[Path], files: Mapping[str, Any], facts: str, *,
     for name, path in there.items():
         if name not in files:
             if files:
-                raise FileFormatError(f"{path}: is none of the shards that {facts} states; remove it from the folder")
+                raise FileFormatError(f"{path}: is not a shard that {facts} states; remove it from the folder")
             continue
         if files[name] != shard_facts([path])[name]:
             raise FileFormatError(
@@ -76,7 +77,7 @@ def check_shards(paths: Sequence[Path], files: Mapping[str, Any], facts: str, *,
 
 
 def _footer(path: Path) -> bytes:
-    """The end of a Parquet file that says what lies where; empty where there is none."""
+    """Returns the end of a Parquet file, which contains the positions of its parts; empty if there is none."""
     with path.open("rb") as stream:
         size = stream.seek(0, 2)
         if size < _FOOTER_END.size:

@@ -1,4 +1,4 @@
-"""The labelled samples of one or many sessions, whatever they are stored in."""
+"""The labelled samples of one or many sessions, independent of their storage."""
 
 import hashlib
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -15,23 +15,23 @@ T = TypeVar("T")
 
 
 class RowStore(Protocol):
-    """Where observations come from: image files, a recording, a table of coefficients."""
+    """Source of observations: image files, a recording, a table of coefficients."""
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
-        """The observations of ``rows`` (m,), in the order given."""
+        """Yields the observations of ``rows`` (m,), in the given order."""
         ...
 
 
 @runtime_checkable
 class HasMasks(Protocol):
-    """A store that also knows where the catheter is in its images."""
+    """A store that also has masks of the catheter for its images."""
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
-        """Whether there is one of every one of ``rows``."""
+        """Whether there is a mask for each of ``rows``."""
         ...
 
     def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:
-        """(h, w), not 0 on the catheter, of each of ``rows``; None where nobody drew it."""
+        """Yields the mask (h, w) of each of ``rows``, not 0 on the catheter; None for an image without a mask."""
         ...
 
 
@@ -39,10 +39,18 @@ class HasMasks(Protocol):
 class Dataset:
     """Samples in the order of their sessions and stamps.
 
-    ``session`` (n,) names, ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3): what the tissue does to
-    the tip, base frame, NaN where ``known`` (3,) is False; ``names`` (n,): what a person calls each sample (its file,
-    of several views the first's); ``view_names``: view -> (n,) what its images are called where that is another name.
-    ``session_info``: session -> public facts; ``rows`` (n,): the samples' places in ``store``.
+    Attributes:
+        store: source of the observations.
+        session: (n,) name of the session of each sample.
+        stamp_ns: (n,) stamps.
+        actuation: name -> (n,) readings.
+        force_n: (n, 3) force of the tissue on the tip, base frame; NaN where ``known`` is False.
+        known: (3,) the components of the force that are known.
+        names: (n,) name of each sample for people: its file; with several views, that of the first.
+        session_info: session -> public metadata.
+        rows: (n,) row of each sample in ``store``.
+        title: name of the dataset.
+        view_names: view -> (n,) names of its images, where they differ from ``names``.
     """
 
     store: RowStore
@@ -57,9 +65,9 @@ class Dataset:
     title: str = ""
     view_names: Mapping[str, npt.NDArray[np.str_]] = field(default_factory=dict[str, npt.NDArray[np.str_]])
     remarks: tuple[str, ...] = ()
-    """What a person should know of how the samples were gathered: what was left out, lacks or was renamed."""
+    """Remarks for people on the origin of the samples: parts that were left out, are missing or were renamed."""
     whole: "Dataset | None" = field(default=None, repr=False)
-    """The dataset that this is a part of: a method with memory sees the frames before a sample, not their labels."""
+    """The dataset of which this is a part: methods with memory get the frames before a sample, not their labels."""
     _memo: dict[tuple[str, int], object] = field(default_factory=dict, repr=False)
     _fingerprints: Mapping[str, str] | None = field(default=None, repr=False)
 
@@ -73,10 +81,10 @@ class Dataset:
 
     @property
     def session_fingerprints(self) -> Mapping[str, str]:
-        """Session -> 16 hexadecimal digits of a hash of its content, whatever it is called and stored in.
+        """Session -> 16 hexadecimal digits of a hash of its content, independent of its name and storage.
 
-        The content is stamps and labels (to a micronewton) of all samples that the session had when it was opened: a
-        subset has the fingerprints of what it is a part of, and so has a recording that became a dataset folder.
+        The content is stamps and labels (to a micronewton) of all samples that the session had when it was opened. So a
+        subset has the fingerprints of its whole, and a dataset folder has those of the recording that it was made from.
         """
         known, sessions = self._fingerprints or {}, self.sessions
         if not set(sessions) <= known.keys():
@@ -85,26 +93,26 @@ class Dataset:
         return {name: known[name] for name in sessions}
 
     def sessions_among(self, known: Collection[str]) -> tuple[str, ...]:
-        """The sessions whose fingerprint is in ``known``, or whose name is, where nobody kept a fingerprint."""
+        """Returns the sessions whose fingerprint is in ``known``, or whose name is if no fingerprint was stored."""
         found = self.session_fingerprints.items()
         return tuple(name for name, fingerprint in found if fingerprint in known or name in known)
 
     @property
     def force_frames(self) -> set[str]:
-        """Frames that the sessions' forces are in: "base" as far as nothing else is noted."""
+        """Reference frames of the sessions' forces; "base" unless the metadata state another one."""
         return {info.force_frame for info in self.session_info.values()}
 
     @property
     def magnitude_n(self) -> FloatArray:
-        """(n,): magnitude of the known components."""
+        """(n,) magnitude of the known components."""
         return np.sqrt(np.sum(self.force_n[:, self.known] ** 2, axis=1))
 
     def names_of(self, view: str) -> npt.NDArray[np.str_]:
-        """(n,): what a person calls each sample's image of ``view``."""
+        """Returns the (n,) names of the images of ``view``, for people."""
         return self.view_names.get(view, self.names)
 
     def subset(self, index: IntArray | BoolArray) -> "Dataset":
-        """The samples at ``index`` (positions or a mask), sharing the store and everything derived so far."""
+        """Returns the samples at ``index`` (positions or a mask); the part shares the store and all derived values."""
         session = self.session[index]
         left = set(session.tolist())
         return replace(
@@ -122,32 +130,37 @@ class Dataset:
         )
 
     def observations(self) -> Iterator[Observation]:
-        """The observations, one a sample, read as they are asked for."""
+        """Yields one observation per sample; each is read when it is used."""
         return self.store.read(self.rows)
 
     def has_masks(self, view: str) -> bool:
-        """Whether somebody drew where the catheter is in the samples' images of ``view``.
+        """Whether the samples' images of ``view`` have masks of the catheter.
 
-        In all of them; of several datasets that were joined, in all of those of one.
+        True if all images have one; for datasets that were joined, if all images of one of them have one.
         """
         return isinstance(self.store, HasMasks) and self.store.has_masks(self.rows, view)
 
     def masks(self, view: str) -> Iterator[Image | None]:
-        """Where the catheter is in each sample's image of ``view``: (h, w), not 0 on it; None where nobody drew it.
+        """Yields the mask (h, w) of each image of ``view``, not 0 on the catheter; None for an image without a mask.
 
-        To train on only: no observation holds it.
+        For training only: no observation contains masks.
         """
         return self.store.masks(self.rows, view) if isinstance(self.store, HasMasks) else repeat(None, len(self))
 
     def derive(self, key: str, compute: Callable[[Observation], T]) -> list[T]:
-        """``compute`` of every observation; what was derived under ``key`` before is not derived again."""
+        """Returns ``compute`` of every observation; values are kept, and not computed again for the same ``key``.
+
+        Args:
+            key: name under which the values are kept.
+            compute: function of one observation.
+        """
         missing = np.array([row for row in self.rows.tolist() if (key, row) not in self._memo], dtype=np.int64)
         for row, observation in zip(missing.tolist(), self.store.read(missing), strict=True):
             self._memo[key, row] = compute(observation)
         return [self._memo[key, row] for row in self.rows.tolist()]  # type: ignore[misc]
 
     def fingerprint(self) -> str:
-        """SHA-256 of the labels, stamps and actuation: two datasets with the same samples have the same."""
+        """Returns the SHA-256 of labels, stamps and actuation: the same for two datasets with the same samples."""
         digest = hashlib.sha256()
         for array in (self.stamp_ns, self.force_n, *(self.actuation[name] for name in sorted(self.actuation))):
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -156,7 +169,7 @@ class Dataset:
 
 
 def _fingerprints(session: npt.NDArray[np.str_], stamp_ns: IntArray, force_n: FloatArray) -> dict[str, str]:
-    """Session -> fingerprint, of samples in any order."""
+    """Returns session -> fingerprint, for samples in any order."""
     names, number = np.unique(session, return_inverse=True)
     order = np.lexsort((stamp_ns, number))
     parts = np.split(order, np.searchsorted(number[order], np.arange(1, len(names))))

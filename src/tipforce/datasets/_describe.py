@@ -1,4 +1,4 @@
-"""A dataset in plain lines and figures, and its images session by session."""
+"""Describes a dataset in lines and figures, and yields its images session by session."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,9 +16,9 @@ from ._open import holds_samples, open_dataset
 
 
 def dataset_at(path: Path) -> Dataset | None:
-    """The dataset at ``path`` where it is more than the frames of one session, else None.
+    """Returns the dataset at ``path``; None if there are only the frames of one session.
 
-    That is shards, a table, a published layout, several recordings, or a dataset folder of several sessions.
+    A dataset is: shards, a table, a published layout, several recordings, or a dataset folder of several sessions.
     """
     several = path.is_dir() and len(list(path.glob("*.mcap"))) > 1
     if not (several or holds_samples(path)):
@@ -29,7 +29,7 @@ def dataset_at(path: Path) -> Dataset | None:
 
 
 def describe_dataset(dataset: Dataset) -> tuple[list[str], dict[str, Any]]:
-    """One line a fact (samples, sessions, actuation, forces), and the same as JSON values."""
+    """Returns lines for people (samples, sessions, actuation, forces), and the same as JSON values."""
     count = [int((dataset.session == name).sum()) for name in dataset.sessions]
     each = f"{min(count)}" if min(count) == max(count) else f"{min(count)} to {max(count)}"
     lines = [f"{dataset.title}: {len(dataset)} samples of {len(count)} sessions, {each} each"]
@@ -62,9 +62,16 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
 def session_images(
     dataset: Dataset, view: str, title: str, every: int = 1
 ) -> Iterator[tuple[SessionInfo, tuple[Image, ...], list[tuple[str, Image]]]]:
-    """Session by session: what is known of it; `calibration_images`; name and image of every ``every``-th sample.
+    """Yields each session: its metadata, its `calibration_images`, and name and image of every ``every``-th sample.
 
-    ``title``: what a message calls the dataset. Raises InputError where there are images of other views only.
+    Args:
+        dataset: the dataset.
+        view: view of the images.
+        title: name of the dataset in messages.
+        every: step between the samples.
+
+    Raises:
+        InputError: the dataset has only images of other views.
     """
     others, found = set[str](), False
     for name in dataset.sessions:

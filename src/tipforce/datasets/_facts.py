@@ -1,6 +1,6 @@
-"""``dataset.json``: the metadata that all sessions of a dataset folder share, and what each has of its own.
+"""``dataset.json``: the metadata that all sessions of a dataset folder share, and the metadata of single sessions.
 
-The keys are those of ``bench.toml``, beside ``title``, ``view`` and ``sessions`` (name -> the same keys once more).
+The keys are those of ``bench.toml``, and ``title``, ``view``, ``files`` and ``sessions`` (name -> the same keys again).
 """
 
 import json
@@ -14,15 +14,20 @@ from ..errors import FileFormatError
 from ..types import SessionInfo, merged_values
 
 FACTS = "dataset.json"
-_MAX_NAME = 1000
+MAX_NAME_LETTERS = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class FolderFacts:
     """Content of ``dataset.json``.
 
-    ``view``: of the column ``file_name`` (in shards: ``image``), or of shape columns. ``shared``: metadata of all
-    sessions; ``sessions``: name -> what stands in its place for one session; ``files``: what is stated of its shards.
+    Attributes:
+        title: name of the dataset.
+        view: view of the column ``file_name`` (in shards: ``image``), or of the shape columns.
+        shared: metadata of all sessions.
+        sessions: name -> metadata that replace the shared ones in one session.
+        path: path of the file, for messages.
+        files: name -> size and checksum of each shard.
     """
 
     title: str = ""
@@ -34,7 +39,7 @@ class FolderFacts:
 
 
 def read_facts(path: Path) -> FolderFacts:
-    """``path``, or nothing known where it is not there. Raises FileFormatError."""
+    """Returns the content of ``path``; empty if it does not exist. Raises FileFormatError."""
     if not path.exists():
         return FolderFacts(path=str(path))
     values = read_json(path, remedy="correct it there")
@@ -47,10 +52,10 @@ def read_facts(path: Path) -> FolderFacts:
         raise FileFormatError(f"{path}: title and view must be text")
     for key, text in (("title", title), ("view", view)):
         # messages name a dataset by its title, and an image by its view
-        if text.startswith("/") or not text.isprintable() or len(text) > _MAX_NAME:
+        if text.startswith("/") or not text.isprintable() or len(text) > MAX_NAME_LETTERS:
             raise FileFormatError(
-                f"{path}: {key} is {text[:80]!r}, expected a name in up to {_MAX_NAME} characters that can be printed, "
-                "and no path; correct it there"
+                f"{path}: {key} is {text[:80]!r}, expected a name in up to {MAX_NAME_LETTERS} characters that can be "
+                "printed, and no path; correct it there"
             )
     if not isinstance(files, dict):
         raise FileFormatError(f"{path}: files must be an object: name of a shard -> its size and checksum")
@@ -63,12 +68,20 @@ def read_facts(path: Path) -> FolderFacts:
                 f"{path}: {key} is not known; it may hold title, view, sessions, files, {', '.join(sorted(known))}"
             )
     facts = FolderFacts(title, view, shared, sessions, str(path), files)
-    session_info_of(facts, sessions or [""])  # what is wrong with it is told here
+    session_info_of(facts, sessions or [""])  # reports wrong values here
     return facts
 
 
 def session_info_of(facts: FolderFacts, sessions: Iterable[str]) -> dict[str, SessionInfo]:
-    """Session -> what is publicly known of it. Raises InputError for a value that is not what it has to be."""
+    """Returns session -> public metadata.
+
+    Args:
+        facts: content of ``dataset.json``.
+        sessions: names of the sessions.
+
+    Raises:
+        InputError: a value has the wrong type or range.
+    """
     found: dict[str, SessionInfo] = {}
     for name in sessions:
         values = merged_values(facts.shared, facts.sessions.get(name, {}))
@@ -77,7 +90,13 @@ def session_info_of(facts: FolderFacts, sessions: Iterable[str]) -> dict[str, Se
 
 
 def facts_text(title: str, infos: Sequence[SessionInfo], view: str) -> str:
-    """The inverse of `read_facts` and `session_info_of`: what all ``infos`` share is stated once."""
+    """Returns the text of ``dataset.json``, the inverse of `read_facts` and `session_info_of`.
+
+    Args:
+        title: name of the dataset.
+        infos: metadata of each session; values that all of them share are stated once.
+        view: view of the column ``file_name``.
+    """
     known = [{key: value for key, value in info.values().items() if key != "name"} for info in infos]
     shared = known[0]
     for other in known[1:]:
@@ -88,7 +107,7 @@ def facts_text(title: str, infos: Sequence[SessionInfo], view: str) -> str:
 
 
 def _common(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
-    """What both hold with the same value."""
+    """Returns the entries that both have with the same value."""
     found: dict[str, Any] = {}
     for key, value in a.items():
         other = b.get(key)
@@ -101,7 +120,7 @@ def _common(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _beyond(values: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
-    """What ``values`` hold and ``shared`` does not."""
+    """Returns the entries of ``values`` that ``shared`` does not have."""
     found: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, dict) and isinstance(shared.get(key), dict):

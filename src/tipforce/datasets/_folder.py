@@ -1,10 +1,10 @@
-"""The dataset folder: ``metadata.csv`` beside images (the layout of Hugging Face's ImageFolder), ``dataset.json``.
+"""The dataset folder: ``metadata.csv`` and images (the layout of Hugging Face's ImageFolder), ``dataset.json``.
 
-``metadata.csv``: ``file_name`` (with several views ``VIEW_file_name`` for each; or columns ``shape_NAME`` with
-ready-made shape numbers), ``stamp_ns``, ``fx_n``, ``fy_n``, ``fz_n`` (at least one), ``session`` (default: the folder
-is one), any ``NAME_UNIT`` as actuation (an empty cell: no reading); columns ``note`` and ``note_...`` are not read.
-``dataset.json`` (optional): `FolderFacts`. ``masks/`` (optional): where the catheter is in each image, to train
-on.
+``metadata.csv`` has the columns ``file_name`` (with several views ``VIEW_file_name`` for each; or columns
+``shape_NAME`` with shape numbers), ``stamp_ns``, ``fx_n``, ``fy_n``, ``fz_n`` (at least one), ``session`` (default: the
+folder is one session), and any ``NAME_UNIT`` as actuation (an empty cell: no reading); columns ``note`` and
+``note_...`` are not read. ``dataset.json`` (optional): `FolderFacts`. ``masks/`` (optional): masks of the catheter for
+each image, for training.
 """
 
 import csv
@@ -31,7 +31,7 @@ MASKS = "masks"
 
 
 def open_folder(folder: Path, table_name: str = METADATA) -> Dataset:
-    """The samples of a dataset folder; raises FileFormatError, TableError or TimeError."""
+    """Returns the samples of a dataset folder; raises FileFormatError, TableError or TimeError."""
     table, facts = open_table(folder / table_name, comments=False), read_facts(folder / FACTS)
     files = [name for name in table.columns if name == FILE or name.endswith(f"_{FILE}")]
     shapes = [name for name in table.columns if name.startswith("shape_")]
@@ -53,15 +53,15 @@ def open_folder(folder: Path, table_name: str = METADATA) -> Dataset:
 
 
 def _found(folder: Path, table: Table, files: Mapping[str, list[str]]) -> dict[str, tuple[Path, ...]]:
-    """View -> path of each row's image. Raises FileFormatError for one that is not there, or outside of ``folder``."""
-    place = InFolder(folder)
+    """Returns view -> path of each row's image. Raises FileFormatError if one is missing or outside of ``folder``."""
+    inside = InFolder(folder)
     return {
-        view: tuple(place.file(table, row, name) for row, name in enumerate(names)) for view, names in files.items()
+        view: tuple(inside.file(table, row, name) for row, name in enumerate(names)) for view, names in files.items()
     }
 
 
 def _masks(folder: Path, files: Mapping[str, list[str]]) -> dict[str, tuple[Path, ...]]:
-    """``masks/SESSION/FRAME.png`` for ``images/SESSION/FRAME.jpg``, where there is a folder of that name."""
+    """Returns the paths ``masks/SESSION/FRAME.png`` for ``images/SESSION/FRAME.jpg``, if there is that folder."""
     if not (folder / MASKS).is_dir():
         return {}
     return {
@@ -77,10 +77,21 @@ def write_dataset(
     overwrite: bool = False,
     progress: Callable[[str, float], None] | None = None,
 ) -> Path:
-    """Write ``dataset`` as a dataset folder (images lossless, as PNG) that `open_dataset` reads back; returns it.
+    """Writes ``dataset`` as a dataset folder that `open_dataset` reads; images are written lossless, as PNG.
 
-    Whole or not at all: everything is written beside ``folder`` and renamed at the end. Raises InputError where
-    ``folder`` is there already (unless ``overwrite``, and then only a dataset folder is replaced).
+    Either all of it is written or nothing: the new folder is written beside ``folder`` and renamed at the end.
+
+    Args:
+        dataset: the samples.
+        folder: the new folder.
+        overwrite: whether ``folder`` may be replaced; only a dataset folder is.
+        progress: gets a text and the share that is done, 0 to 1.
+
+    Returns:
+        The path of the folder.
+
+    Raises:
+        InputError: ``folder`` exists already and is not replaced, or there are no samples.
     """
     folder = Path(folder)
     _refuse(folder, overwrite=overwrite)
@@ -94,7 +105,7 @@ def write_dataset(
 
 
 def cell(value: Any) -> str:
-    """A value as ``metadata.csv`` shows it: nothing for NaN, else exact."""
+    """Returns a value as ``metadata.csv`` states it: "" for NaN, otherwise the exact value."""
     if isinstance(value, float):
         return "" if math.isnan(value) else repr(value)
     return str(value)
@@ -115,18 +126,18 @@ def _refuse(folder: Path, *, overwrite: bool) -> None:
 
 
 def _write_rows(dataset: Dataset, part: Path, progress: Callable[[str, float], None] | None) -> str:
-    """Images and ``metadata.csv``; returns the only view's name, "camera" where there are several."""
+    """Writes images and ``metadata.csv``; returns the name of the only view, "camera" if there are several."""
     forces = [axis for axis in range(3) if dataset.known[axis]]
     view_name = "camera"
     with (part / METADATA).open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         for row, observation in enumerate(dataset.observations()):
-            seen = _seen(dataset, observation, part, row)
+            cells = _write_views(dataset, observation, part, row)
             if row == 0:
                 view_name = next(iter(observation.views)) if len(observation.views) == 1 else view_name
-                names = [*seen, "session", "stamp_ns", *dataset.actuation, *(FORCES[axis] for axis in forces)]
+                names = [*cells, "session", "stamp_ns", *dataset.actuation, *(FORCES[axis] for axis in forces)]
                 writer.writerow(names)
-            values = [*seen.values(), str(dataset.session[row]), int(dataset.stamp_ns[row])]
+            values = [*cells.values(), str(dataset.session[row]), int(dataset.stamp_ns[row])]
             values += [float(column[row]) for column in dataset.actuation.values()]
             values += [float(dataset.force_n[row, axis]) for axis in forces]
             writer.writerow([cell(value) for value in values])
@@ -135,8 +146,8 @@ def _write_rows(dataset: Dataset, part: Path, progress: Callable[[str, float], N
     return view_name
 
 
-def _seen(dataset: Dataset, observation: Observation, part: Path, row: int) -> dict[str, str | float]:
-    """Column -> cell of the images; they are written."""
+def _write_views(dataset: Dataset, observation: Observation, part: Path, row: int) -> dict[str, str | float]:
+    """Writes the images of one row; returns column -> cell for them, or for the shape numbers."""
     found: dict[str, str | float] = {}
     several = len(observation.views) > 1
     for name, view in observation.views.items():
@@ -151,7 +162,7 @@ def _seen(dataset: Dataset, observation: Observation, part: Path, row: int) -> d
 
 
 def _write_image(image: Image, part: Path, row: int, view: str) -> tuple[str, str]:
-    """Its name and checksum."""
+    """Writes one image; returns its name and checksum."""
     name = f"images/{row:06d}{view and f'-{view}'}.png"
     (part / "images").mkdir(exist_ok=True)
     shown = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)

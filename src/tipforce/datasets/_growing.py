@@ -1,4 +1,4 @@
-"""A dataset that grows session by session, from many processes, and outlives a kill."""
+"""A dataset to which many processes add sessions, and which is not lost when a process is killed."""
 
 import csv
 import json
@@ -20,7 +20,7 @@ from ._label_table import FORCES
 from ._parquet import IMAGE, SUFFIX, arrow
 
 _MAX_PART_BYTES = 256 << 20
-"""Longest file with the labels of one session: some 300 bytes a sample."""
+"""Largest file with the labels of one session: about 300 bytes per sample."""
 _REMEDY = "remove it, and the same command makes its session again"
 
 
@@ -28,9 +28,16 @@ _REMEDY = "remove it, and the same command makes its session again"
 class SessionSamples:
     """Labelled images of one session: n samples.
 
-    ``frame`` (n,): their numbers in it; ``stamp_ns`` (n,), ``actuation``: name -> (n,); ``force_n`` (n, 3), NaN where
-    ``known`` (3,) is False. ``images``: view -> n encoded images; ``suffix``: of their files. ``masks``: view ->
-    n PNGs, or nothing.
+    Attributes:
+        session_info: metadata of the session.
+        frame: (n,) numbers of the frames in the session.
+        stamp_ns: (n,) stamps.
+        actuation: name -> (n,) readings.
+        force_n: (n, 3) forces; NaN where ``known`` is False.
+        known: (3,) the components of the force that are known.
+        images: view -> n encoded images.
+        suffix: suffix of the image files.
+        masks: view -> n PNG files; empty without masks.
     """
 
     session_info: SessionInfo
@@ -44,7 +51,7 @@ class SessionSamples:
     masks: Mapping[str, Sequence[bytes]] = field(default_factory=dict[str, Sequence[bytes]])
 
     def columns(self) -> dict[str, list[Any]]:
-        """Name -> n values, of all columns but the images."""
+        """Returns name -> n values of all columns except the images."""
         return {
             "session": [self.session_info.name] * len(self.frame),
             "stamp_ns": self.stamp_ns.tolist(),
@@ -53,11 +60,11 @@ class SessionSamples:
         }
 
     def names(self, view: str) -> list[str]:
-        """Path of each image of ``view``, from the dataset's folder."""
+        """Returns the path of each image of ``view``, relative to the dataset's folder."""
         return self._paths("images", view, self.suffix)
 
     def mask_names(self, view: str) -> list[str]:
-        """Path of the mask of each image of ``view``."""
+        """Returns the path of the mask of each image of ``view``, relative to the dataset's folder."""
         return self._paths("masks", view, ".png")
 
     def _paths(self, kind: str, view: str, suffix: str) -> list[str]:
@@ -66,10 +73,10 @@ class SessionSamples:
 
 
 class Growing(ABC):
-    """A dataset in ``folder`` that becomes whole when ``sessions`` sessions are in it.
+    """A dataset in ``folder`` that is complete when it has ``sessions`` sessions.
 
-    Sessions are added in any order and by any process, each whole or not at all; `finish` gathers them in the order of
-    their numbers, so the bytes hang on neither. What is not gathered yet lies in ``folder / PARTS``.
+    Sessions are added in any order and by any process, each completely or not at all. `finish` joins them in the order
+    of their numbers, so the result depends on neither. Sessions that are not joined yet are in ``folder / PARTS``.
     """
 
     PARTS = ".parts"
@@ -80,7 +87,7 @@ class Growing(ABC):
 
     @property
     def whole(self) -> bool:
-        """Whether all is there and gathered."""
+        """Whether all sessions were added and joined."""
         return (self.folder / FACTS).exists() and not self.parts.exists()
 
     @abstractmethod
@@ -89,10 +96,10 @@ class Growing(ABC):
 
     @abstractmethod
     def add(self, number: int, samples: SessionSamples) -> None:
-        """Add one session."""
+        """Adds one session."""
 
     def finish(self, title: str) -> None:
-        """Gather all sessions; a kill meanwhile loses nothing, it is begun again."""
+        """Joins all sessions; after a kill it can be called again, and nothing is lost."""
         facts = self.parts / FACTS
         if not facts.exists():
             infos = [self.session_info(number) for number in range(self.sessions)]
@@ -105,33 +112,33 @@ class Growing(ABC):
 
     @abstractmethod
     def _part(self, number: int) -> Path:
-        """The file that says that a session is whole."""
+        """Returns the file whose existence shows that a session is complete."""
 
     def _checked(self, values: Any, number: int, *more: str) -> dict[str, Any]:
-        """What the file of a session holds, with the keys of `about` and ``more``. Raises FileFormatError."""
+        """Returns the content of a session's file, with the keys of `about` and ``more``. Raises FileFormatError."""
         if not isinstance(values, dict) or not {"session_info", "view", *more} <= values.keys():
-            raise FileFormatError(f"{self._part(number)}: is damaged, it does not hold what was simulated; {_REMEDY}")
+            raise FileFormatError(f"{self._part(number)}: is damaged, parts of the session are missing; {_REMEDY}")
         return values  # pyright: ignore[reportUnknownVariableType]
 
     @abstractmethod
     def session_info(self, number: int) -> SessionInfo:
-        """Of a session that was added."""
+        """Returns the metadata of a session that was added."""
 
     @abstractmethod
     def view(self) -> str:
-        """What the only view is called; "camera" where there are several."""
+        """Returns the name of the only view; "camera" if there are several."""
 
     @abstractmethod
     def gather(self) -> None:
-        """Make the final files from those of the sessions."""
+        """Makes the final files from those of the sessions."""
 
     def files(self) -> dict[str, dict[str, Any]]:
-        """What ``dataset.json`` states of the final files."""
+        """Returns size and checksum of the final files, for ``dataset.json``."""
         return {}
 
 
 def put(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all."""
+    """Writes a file completely or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.part")
     part.write_bytes(data)
@@ -139,23 +146,23 @@ def put(path: Path, data: bytes) -> None:
 
 
 def about(samples: SessionSamples) -> dict[str, Any]:
-    """What `context_of` and `view` need, as JSON values."""
+    """Returns the values for `context_of` and `view`, as JSON values."""
     views = list(samples.images)
     return {"session_info": samples.session_info.values(), "view": views[0] if len(views) == 1 else "camera"}
 
 
 def context_of(known: Mapping[str, Any]) -> SessionInfo:
-    """The inverse of `about`."""
+    """Returns the session metadata from the result of `about`."""
     return SessionInfo.from_values(known["session_info"])
 
 
 def as_json(values: Mapping[str, Any]) -> bytes:
-    """Compact and the same for the same values."""
+    """Returns compact JSON, which is the same for the same values."""
     return json.dumps(values, ensure_ascii=False, separators=(",", ":")).encode()
 
 
 class GrowingImages(Growing):
-    """``images/SESSION/FRAME.jpg``, where there are masks ``masks/SESSION/FRAME.png``; FRAME-VIEW for several views."""
+    """Files ``images/SESSION/FRAME.jpg`` and, with masks, ``masks/SESSION/FRAME.png``; FRAME-VIEW for several views."""
 
     def _part(self, number: int) -> Path:
         return self.parts / f"{number:07d}.json"
@@ -165,14 +172,15 @@ class GrowingImages(Growing):
         return self._part(number).exists()
 
     def add(self, number: int, samples: SessionSamples) -> None:
-        """Write its images, then its rows, which say that it is whole."""
+        """Writes the images of a session, then its rows, which show that it is complete."""
         files: dict[str, bytes] = {}
         for view, images in samples.images.items():
             files.update(zip(samples.names(view), images, strict=True))
         for view, masks in samples.masks.items():
             files.update(zip(samples.mask_names(view), masks, strict=True))
-        for place in {Path(name).parent for name in files}:
-            self._fill(place, {Path(name).name: data for name, data in files.items() if Path(name).parent == place})
+        for subfolder in {Path(name).parent for name in files}:
+            content = {Path(name).name: data for name, data in files.items() if Path(name).parent == subfolder}
+            self._fill(subfolder, content)
         heads = [FILE] if len(samples.images) == 1 else [f"{view}_{FILE}" for view in samples.images]
         columns = dict(zip(heads, map(samples.names, samples.images), strict=True)) | samples.columns()
         for view, images in samples.images.items():
@@ -180,34 +188,34 @@ class GrowingImages(Growing):
         rows = [[cell(value) for value in row] for row in zip(*columns.values(), strict=True)]
         put(self._part(number), as_json({**about(samples), "columns": list(columns), "rows": rows}))
 
-    def _fill(self, place: Path, files: dict[str, bytes]) -> None:
-        """The folder ``place`` with ``files``, whole or not at all."""
-        part = self.parts / f"{place.parent.name}-{place.name}"
+    def _fill(self, subfolder: Path, files: dict[str, bytes]) -> None:
+        """Writes the folder ``subfolder`` with ``files``, completely or not at all."""
+        part = self.parts / f"{subfolder.parent.name}-{subfolder.name}"
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
         for name, data in files.items():
             (part / name).write_bytes(data)
-        target = self.folder / place
+        target = self.folder / subfolder
         target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(target, ignore_errors=True)  # of a session whose rows were not written any more
+        shutil.rmtree(target, ignore_errors=True)  # left by a process that was killed before it wrote the rows
         part.replace(target)
 
-    @lru_cache(maxsize=2)  # noqa: B019  the set is gone when its command ends
+    @lru_cache(maxsize=2)  # noqa: B019  the object does not outlive its command
     def _read(self, number: int) -> dict[str, Any]:
         return self._checked(
             read_json(self._part(number), max_bytes=_MAX_PART_BYTES, remedy=_REMEDY), number, "columns", "rows"
         )
 
     def session_info(self, number: int) -> SessionInfo:
-        """Of a session that was added."""
+        """Returns the metadata of a session that was added."""
         return context_of(self._read(number))
 
     def view(self) -> str:
-        """What the only view is called; "camera" where there are several."""
+        """Returns the name of the only view; "camera" if there are several."""
         return self._read(0)["view"]
 
     def gather(self) -> None:
-        """All rows into ``metadata.csv``."""
+        """Writes all rows into ``metadata.csv``."""
         part = self.parts / METADATA
         with part.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
@@ -217,24 +225,24 @@ class GrowingImages(Growing):
         part.replace(self.folder / METADATA)
 
 
-_ABOUT = b"tipforce"
+_ABOUT_KEY = b"tipforce"
 _LAYOUT: dict[str, Any] = {
     "compression": "NONE",
     "use_dictionary": ["session"],
     "write_statistics": False,
     "write_page_checksum": True,
 }
-_PER_SHARD = 2000
-"""Samples: some 150 MB of images of 640x480."""
+MAX_SHARD_SAMPLES = 2000
+"""Largest number of samples in a shard: about 150 MB of images of 640x480."""
 
 
 class GrowingShards(Growing):
-    """``samples-00000-of-00005.parquet`` and so on: a row group a session, whole sessions in each shard."""
+    """``samples-00000-of-00005.parquet`` and so on: one row group per session, complete sessions in each shard."""
 
     def __init__(self, folder: Path, sessions: int, per_session: int) -> None:
         super().__init__(folder, sessions)
-        arrow()  # says at once what is missing
-        self._each = max(1, _PER_SHARD // per_session)
+        arrow()  # a missing package is reported now
+        self._each = max(1, MAX_SHARD_SAMPLES // per_session)
         self._shards = -(-sessions // self._each)
 
     def _part(self, number: int) -> Path:
@@ -248,7 +256,7 @@ class GrowingShards(Growing):
         return self._part(number).exists() or self._shard(number // self._each).exists()
 
     def add(self, number: int, samples: SessionSamples) -> None:
-        """Write one session as a file of its own."""
+        """Writes one session as a file of its own."""
         pa, parquet = arrow()
         labels = samples.columns()
         kinds = {"session": pa.string(), "stamp_ns": pa.int64()}
@@ -264,7 +272,7 @@ class GrowingShards(Growing):
             arrays[name] = pa.array(values, kind)
             features[name] = {"dtype": "float64" if kind == pa.float64() else str(kind), "_type": "Value"}
         table = pa.table(arrays).replace_schema_metadata(
-            {b"huggingface": as_json({"info": {"features": features}}), _ABOUT: as_json(about(samples))}
+            {b"huggingface": as_json({"info": {"features": features}}), _ABOUT_KEY: as_json(about(samples))}
         )
         self.parts.mkdir(parents=True, exist_ok=True)
         part = self._part(number).with_suffix(".part")
@@ -274,18 +282,18 @@ class GrowingShards(Growing):
     def _about(self, number: int) -> dict[str, Any]:
         path = self._part(number)
         metadata: Mapping[bytes, bytes] = arrow()[1].read_schema(path).metadata or {}
-        return self._checked(parse_json(metadata.get(_ABOUT, b""), str(path), _REMEDY), number)
+        return self._checked(parse_json(metadata.get(_ABOUT_KEY, b""), str(path), _REMEDY), number)
 
     def session_info(self, number: int) -> SessionInfo:
-        """Of a session that was added."""
+        """Returns the metadata of a session that was added."""
         return context_of(self._about(number))
 
     def view(self) -> str:
-        """What the only view is called; "camera" where there are several."""
+        """Returns the name of the only view; "camera" if there are several."""
         return self._about(0)["view"]
 
     def gather(self) -> None:
-        """Shard by shard; the sessions' own files go as soon as theirs is whole."""
+        """Writes shard by shard; the files of the sessions are removed when their shard is complete."""
         _, parquet = arrow()
         for shard in range(self._shards):
             parts = [self._part(n) for n in range(shard * self._each, min((shard + 1) * self._each, self.sessions))]
@@ -303,5 +311,5 @@ class GrowingShards(Growing):
                 path.unlink(missing_ok=True)
 
     def files(self) -> dict[str, dict[str, Any]]:
-        """Size and checksum of each shard."""
+        """Returns size and checksum of each shard."""
         return shard_facts(self._shard(shard) for shard in range(self._shards))

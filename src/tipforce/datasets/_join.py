@@ -1,4 +1,4 @@
-"""Parts of a dataset: random, thinned, without sessions; and several datasets as one."""
+"""Takes parts of a dataset (random, every n-th, without sessions), and joins several datasets."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,9 +12,15 @@ from ._dataset import Dataset
 
 
 def random_subset(dataset: Dataset, samples: int, seed: int = 0) -> Dataset:
-    """``samples`` rows drawn at random without replacement, kept in order (the thesis has 220).
+    """Returns ``samples`` rows drawn at random without replacement, in their order (the thesis has 220).
 
-    All rows where there are fewer. Raises InputError for a number below 1.
+    Args:
+        dataset: the dataset.
+        samples: number of rows; all rows are returned if there are fewer.
+        seed: seed of the draw.
+
+    Raises:
+        InputError: ``samples`` is below 1.
     """
     if samples < 1:
         raise InputError(f"the number of samples must be at least 1, got {samples}")
@@ -25,17 +31,22 @@ def random_subset(dataset: Dataset, samples: int, seed: int = 0) -> Dataset:
 
 
 def every_nth(dataset: Dataset, every: int) -> Dataset:
-    """Each session's first sample and every ``every``-th after it. Raises InputError for a number below 1."""
+    """Returns each session's first sample and every ``every``-th after it. Raises InputError for a number below 1."""
     if every < 1:
-        raise InputError(f"every so many frames: expected at least 1, got {every}")
+        raise InputError(f"every n-th frame: expected n of at least 1, got {every}")
     rows = [np.flatnonzero(dataset.session == name)[::every] for name in dataset.sessions]
     return dataset.subset(np.sort(np.concatenate(rows)))
 
 
 def without_sessions(dataset: Dataset, sessions: Sequence[str]) -> Dataset:
-    """``dataset`` without ``sessions``, which are kept for judging.
+    """Returns ``dataset`` without ``sessions``, which are kept for testing.
 
-    Raises InputError where a name is none of the dataset's, or nothing would be left.
+    Args:
+        dataset: the dataset.
+        sessions: names of the sessions that are left out.
+
+    Raises:
+        InputError: a name does not exist in the dataset, or no session remains.
     """
     unknown = [name for name in sessions if name not in dataset.sessions]
     if unknown:
@@ -49,13 +60,13 @@ def without_sessions(dataset: Dataset, sessions: Sequence[str]) -> Dataset:
 
 
 def join(datasets: Sequence[Dataset]) -> Dataset:
-    """The samples of all ``datasets``, one after the other.
+    """Returns the samples of all ``datasets``, one dataset after the other.
 
-    Of two sessions with one name and different content the later one gets a number behind its name. Actuation and
-    views that a dataset lacks are absent in its samples; its `Dataset.remarks` say so.
+    If two sessions have the same name and different content, the later one gets a number behind its name. Actuation and
+    views that a dataset does not have are absent in its samples; `Dataset.remarks` of the result states this.
 
     Raises:
-        InputError: where two know other components of the force, or have the same session.
+        InputError: two datasets know different components of the force, or have the same session.
     """
     if len(datasets) == 1:
         return datasets[0]
@@ -65,7 +76,7 @@ def join(datasets: Sequence[Dataset]) -> Dataset:
             raise InputError(
                 f"{dataset.title}: knows other components of the force than {first.title}; train on each by itself"
             )
-    datasets, renamed = _told_apart(datasets)
+    datasets, renamed = _with_different_names(datasets)
     counts = [len(dataset) for dataset in datasets]
     names = dict.fromkeys(name for dataset in datasets for name in dataset.actuation)
     views = dict.fromkeys(view for dataset in datasets for view in dataset.view_names)
@@ -93,10 +104,10 @@ def join(datasets: Sequence[Dataset]) -> Dataset:
     )
 
 
-def _told_apart(datasets: Sequence[Dataset]) -> tuple[list[Dataset], list[str]]:
-    """``datasets`` with sessions that all have names of their own, and a sentence for each new name."""
+def _with_different_names(datasets: Sequence[Dataset]) -> tuple[list[Dataset], list[str]]:
+    """Returns ``datasets`` with different session names, and a sentence for each session that was renamed."""
     owner: dict[str, tuple[str, str]] = {}
-    apart: list[Dataset] = []
+    separate: list[Dataset] = []
     remarks: list[str] = []
     taken = {session for dataset in datasets for session in dataset.sessions}
     for dataset in datasets:
@@ -114,12 +125,12 @@ def _told_apart(datasets: Sequence[Dataset]) -> tuple[list[Dataset], list[str]]:
                 taken.add(name)
                 remarks.append(f"{session} of {dataset.title} is called {name}, because {title} has a {session} too")
             owner[names.get(session, session)] = dataset.title, fingerprint
-        apart.append(_renamed(dataset, names) if names else dataset)
-    return apart, remarks
+        separate.append(_renamed(dataset, names) if names else dataset)
+    return separate, remarks
 
 
 def _renamed(dataset: Dataset, names: Mapping[str, str]) -> Dataset:
-    """``dataset`` with the sessions in ``names`` called by their new names."""
+    """Returns ``dataset`` with the new ``names`` (old name -> new name) of its sessions."""
     infos = {
         names.get(name, name): replace(info, name=names.get(name, name)) for name, info in dataset.session_info.items()
     }
@@ -133,40 +144,41 @@ def _renamed(dataset: Dataset, names: Mapping[str, str]) -> Dataset:
 
 
 def _lacking(datasets: Sequence[Dataset]) -> Iterator[str]:
-    """A sentence for each dataset that has no reading of a drive, or no image of a view, that another one has."""
+    """Yields a sentence for each dataset without a reading of a drive, or image of a view, that another dataset has."""
     drives = [{name for name, values in each.actuation.items() if np.isfinite(values).any()} for each in datasets]
     views = [set(next(each.observations()).views) for each in datasets]
-    for dataset, own, seen in zip(datasets, drives, views, strict=True):
-        for what, names in (("actuation", set().union(*drives) - own), ("view", set().union(*views) - seen)):
+    for dataset, own_drives, own_views in zip(datasets, drives, views, strict=True):
+        missing = (("actuation", set().union(*drives) - own_drives), ("view", set().union(*views) - own_views))
+        for kind, names in missing:
             if names:
-                lacking = f"{what} {', '.join(sorted(names))}"
+                lacking = f"{kind} {', '.join(sorted(names))}"
                 yield f"{dataset.title}: its {len(dataset)} samples lack the {lacking}, which others of the data have"
 
 
 @dataclass(frozen=True, eq=False)
 class _Several:
-    """A store over ``parts``: row k is sample ``place[k]`` of part ``part[k]``."""
+    """A store of several datasets: row k is sample ``position[k]`` of the dataset ``parts[part[k]]``."""
 
     parts: tuple[Dataset, ...]
     part: IntArray
-    place: IntArray
+    position: IntArray
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
-        """The observations of ``rows``, in the order given."""
+        """Yields the observations of ``rows``, in the given order."""
         for dataset in self._runs(rows):
             yield from dataset.observations()
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
-        """Whether any part of ``rows`` has them: `masks` is None for the samples of the others."""
+        """Whether any dataset of ``rows`` has masks: `masks` yields None for the samples of the others."""
         return any(dataset.has_masks(view) for dataset in self._runs(rows))
 
     def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:
-        """Each part's own."""
+        """Yields the masks of the datasets."""
         for dataset in self._runs(rows):
             yield from dataset.masks(view)
 
     def _runs(self, rows: IntArray) -> Iterator[Dataset]:
-        """``rows`` in pieces that lie in one part each."""
+        """Yields ``rows`` in consecutive pieces, each of one dataset."""
         for piece in np.split(rows, np.flatnonzero(np.diff(self.part[rows])) + 1):
             if len(piece):
-                yield self.parts[int(self.part[piece[0]])].subset(self.place[piece])
+                yield self.parts[int(self.part[piece[0]])].subset(self.position[piece])

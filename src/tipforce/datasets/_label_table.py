@@ -1,4 +1,4 @@
-"""From the columns of a table to a dataset: the same for a CSV file beside images and for Parquet shards."""
+"""Converts the columns of a table to a dataset, for CSV files with images and for Parquet shards."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ FORCES = ("fx_n", "fy_n", "fz_n")
 
 
 class LabelTable(Protocol):
-    """Columns of numbers and text; reading one raises TableError where a cell is none."""
+    """Columns of numbers and text; reading one raises TableError if a cell has the wrong type."""
 
     path: Path
 
@@ -28,35 +28,44 @@ class LabelTable(Protocol):
     def __len__(self) -> int: ...
 
     def text(self, name: str) -> list[str]:
-        """The cells of one column."""
+        """Returns the cells of one column."""
         ...
 
     def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray:
-        """(n,) of one column, NaN for an empty cell where that is allowed."""
+        """Returns the (n,) numbers of one column; NaN for an empty cell where that is allowed."""
         ...
 
     def time_columns(self) -> tuple[str, ...]:
-        """The columns that hold the samples' times."""
+        """Returns the names of the columns with the times of the samples."""
         ...
 
     def stamps_ns(self) -> IntArray | None:
-        """(n,) stamps; None where the table has none."""
+        """Returns the (n,) stamps; None if the table has none."""
         ...
 
     def place(self, row: int) -> str:
-        """What a person calls the ``row``-th row."""
+        """Returns the name of a row for people."""
         ...
 
 
 Stored = Callable[[IntArray, Mapping[str, FloatArray]], tuple[RowStore, Mapping[str, list[str]]]]
-"""Stamps (n,) and actuation in the table's own order -> where the views are, and view -> names; the first's are the
-samples' too."""
+"""Function from stamps (n,) and actuation, in the order of the table, to the store of the views and view -> names. The
+names of the first view are those of the samples."""
 
 
 def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence[str], stored: Stored) -> Dataset:
-    """The samples of ``table`` in the order of sessions and stamps. ``views``: columns that hold what is seen.
+    """Returns the samples of a table in the order of sessions and stamps.
 
-    ``name``: of the session and the dataset where they have no other. Raises TableError and TimeError.
+    Args:
+        table: the table.
+        facts: content of ``dataset.json``.
+        name: name of the session, and of the dataset, if no other is stated.
+        views: columns that contain images or shape numbers.
+        stored: makes the store of the views.
+
+    Raises:
+        TableError: a column is missing or a cell is not valid.
+        TimeError: two samples of a session have the same stamp.
     """
     measured = np.array([column in table.columns for column in FORCES])
     if not measured.any():
@@ -68,7 +77,7 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
     stamps = table.stamps_ns()
     if stamps is None:
         stamps = _numbered(number)
-    appearance = np.argsort(np.argsort(first))[number]  # sessions in the order in which they appear
+    appearance = np.argsort(np.argsort(first))[number]  # sessions in the order of their first rows
     order = np.lexsort((stamps, appearance))
     sessions = [str(session[row]) for row in np.sort(first).tolist()]
     ends = np.searchsorted(appearance[order], np.arange(1, len(sessions)))
@@ -80,7 +89,7 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
         row = FORCE_RANGE.outside(force[:, axis])
         if row is not None:
             raise TableError(
-                f"{table.path}, {table.place(row)}, column {FORCES[axis]}: {force[row, axis]:g} lies outside of "
+                f"{table.path}, {table.place(row)}, column {FORCES[axis]}: {force[row, axis]:g} is outside of "
                 f"{FORCE_RANGE}; correct the row or remove it"
             )
     actuation = {column: table.numbers(column, may_be_empty=True) for column in _actuation(table, views)}
@@ -104,7 +113,7 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
 
 
 def _numbered(session: IntArray) -> IntArray:
-    """(n,) stamps of still images: one second apart within each ``session`` (n,), in the order of the rows."""
+    """Returns (n,) stamps for still images: one second apart within each ``session`` (n,), in the order of the rows."""
     stamps = np.empty(len(session), np.int64)
     for number in range(int(session.max()) + 1):
         rows = np.flatnonzero(session == number)
@@ -123,14 +132,23 @@ def _actuation(table: LabelTable, views: Sequence[str]) -> list[str]:
             )
         if not is_actuation(name) and not is_force(name):
             raise TableError(
-                f"{table.path}: the column {name!r} does not say its unit; an actuation column ends in one of "
+                f"{table.path}: the column {name!r} does not state its unit; an actuation column ends in one of "
                 f"_{', _'.join(ACTUATION_UNITS)}, and a column that is not to be read starts with note_"
             )
     return [name for name in names if is_actuation(name)]
 
 
 def check_stamps(where: str, session: str, stamps: IntArray) -> None:
-    """Raises TimeError where two samples of one session have the same stamp; ``stamps`` sorted."""
+    """Checks that the stamps of one session differ.
+
+    Args:
+        where: path of the table, for messages.
+        session: name of the session.
+        stamps: (n,) sorted stamps.
+
+    Raises:
+        TimeError: two samples have the same stamp.
+    """
     same = np.flatnonzero(np.diff(stamps) == 0)
     if len(same):
         raise TimeError(

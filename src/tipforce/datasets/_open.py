@@ -1,4 +1,4 @@
-"""One door for everything that holds labelled samples."""
+"""Opens labelled samples of every kind."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ _UNFINISHED = "is still being written, or was cut off, and is left out"
 
 
 def holds_samples(path: Path) -> bool:
-    """Whether ``path`` is a dataset folder or its table, Parquet shards, or a published layout: more than frames."""
+    """Whether ``path`` is a dataset folder or its table, Parquet shards, or a published layout."""
     if path.is_file():
         return path.suffix.lower() in (SUFFIX, ".csv")
     if (path / METADATA).is_file():
@@ -31,15 +31,15 @@ def open_dataset(path: str | Path) -> Dataset:
     """Opens labelled samples of any kind; images are read when they are used.
 
     Args:
-        path: A dataset folder or its table (.csv), Parquet shards, one or many recordings, or a published layout.
+        path: a dataset folder or its table (.csv), Parquet shards, one or many recordings, or a published layout.
 
     Returns:
         The samples in the order of their sessions and stamps.
 
     Raises:
-        FileFormatError: for a path that is none of these.
-        TableError: for a table that cannot be used.
-        TimeError: where two samples of a session have one stamp.
+        FileFormatError: ``path`` has none of these formats.
+        TableError: the table cannot be used.
+        TimeError: two samples of a session have the same stamp.
     """
     path = Path(path)
     cut_off = path.suffix == ".mcap" and not path.exists() and path.with_name(f"{path.name}.part").exists()

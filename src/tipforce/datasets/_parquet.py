@@ -1,7 +1,8 @@
-"""Parquet shards: the columns of ``metadata.csv``, with the images themselves in place of their files' names.
+"""Parquet shards: the columns of ``metadata.csv``, with the images themselves in place of their file names.
 
 The images of ``file_name`` are in the column ``image``, those of ``VIEW_file_name`` in ``VIEW``: structs of ``bytes``
-(PNG or JPEG) and ``path``, as Hugging Face's ``datasets`` writes and reads them. ``dataset.json`` lies beside.
+(PNG or JPEG) and ``path``, as Hugging Face's ``datasets`` writes and reads them. ``dataset.json`` is in the same
+folder.
 """
 
 import importlib
@@ -28,7 +29,7 @@ IMAGE = "image"
 
 
 def arrow() -> tuple[Any, Any]:
-    """The modules pyarrow and pyarrow.parquet. Raises MissingExtraError."""
+    """Returns the modules pyarrow and pyarrow.parquet. Raises MissingExtraError."""
     try:
         return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
     except ModuleNotFoundError:
@@ -36,10 +37,18 @@ def arrow() -> tuple[Any, Any]:
 
 
 def open_shards(paths: Sequence[Path], name: str, *, whole: bool = False) -> Dataset:
-    """The samples of ``paths``, sorted; labels are read now, images one row group at a time when they are used.
+    """Returns the samples of ``paths`` in order; labels are read now, images later, one row group at a time.
 
-    ``whole``: these are all shards of their folder, so missing ones are looked for.
-    Raises FileFormatError, TableError, TimeError, and MissingExtraError without pyarrow.
+    Args:
+        paths: sorted paths of the shards.
+        name: name of the dataset if ``dataset.json`` states none.
+        whole: whether these are all shards of their folder, so that missing ones are reported.
+
+    Raises:
+        FileFormatError: a shard is missing, damaged or not readable.
+        TableError: a column is missing or not valid.
+        TimeError: two samples of a session have the same stamp.
+        MissingExtraError: pyarrow is not installed.
     """
     facts = read_facts(paths[0].parent / FACTS)
     check_shards(paths, facts.files, facts.path, whole=whole)
@@ -57,7 +66,7 @@ def open_shards(paths: Sequence[Path], name: str, *, whole: bool = False) -> Dat
 
 
 class ShardTable:
-    """All columns of the shards but the images, as `LabelTable`; ``ends`` (shards,): rows up to each one's end."""
+    """All columns of the shards except the images, as `LabelTable`; ``ends`` (shards,): rows up to each end."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.path = paths[0]
@@ -82,22 +91,22 @@ class ShardTable:
         return int(self.ends[-1])
 
     def place(self, row: int) -> str:
-        """Shard and row in it, from 0."""
+        """Returns the shard and the row in it, counted from 0."""
         shard = int(np.searchsorted(self.ends, row, side="right"))
         return f"{self._paths[shard].name} row {row - (int(self.ends[shard - 1]) if shard else 0)}"
 
     def names(self, column: str) -> list[str]:
-        """(n,): what each image of ``column`` is called."""
+        """Returns the (n,) names of the images of ``column``."""
         leaf = f"{column}.path"
         found = [_read(path, [leaf]).column(0).combine_chunks().field("path").to_pylist() for path in self._paths]
         return [name or self.place(row) for row, name in enumerate(itertools.chain(*found))]
 
     def text(self, name: str) -> list[str]:
-        """The cells of one column."""
+        """Returns the cells of one column."""
         return ["" if cell is None else str(cell) for cell in self._rest.column(name).to_pylist()]
 
     def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray:
-        """(n,) of one column, NaN for an empty cell where that is allowed. Raises TableError."""
+        """Returns the (n,) numbers of one column; NaN for an empty cell where that is allowed. Raises TableError."""
         column = self._rest.column(name)
         try:
             values = np.asarray(column.cast("float64").to_numpy(), np.float64)
@@ -112,11 +121,11 @@ class ShardTable:
         return values
 
     def time_columns(self) -> tuple[str, ...]:
-        """``stamp_ns``, where it is there."""
+        """Returns ``stamp_ns`` if the column exists."""
         return ("stamp_ns",) if "stamp_ns" in self.columns else ()
 
     def stamps_ns(self) -> IntArray | None:
-        """(n,) stamps; None where there is no column of them. Raises TableError."""
+        """Returns the (n,) stamps; None without such a column. Raises TableError."""
         if not self.time_columns():
             return None
         column = self._rest.column("stamp_ns")
@@ -127,14 +136,20 @@ class ShardTable:
 
 @dataclass(frozen=True, eq=False)
 class Shards(Table):
-    """``paths`` (s,), ``ends`` (s,): rows up to each one's end; ``columns``: view -> column of its images."""
+    """Images in shards.
+
+    Attributes:
+        paths: (s,) paths of the shards.
+        ends: (s,) number of rows up to the end of each shard.
+        columns: view -> column of its images.
+    """
 
     paths: tuple[Path, ...]
     ends: IntArray
     columns: Mapping[str, str]
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
-        """The observations of ``rows``, in the order given; one row group is in memory at a time."""
+        """Yields the observations of ``rows``, in the given order; one row group is in memory at a time."""
         file, current, groups = None, -1, np.empty(0, np.int64)
         group, images = -1, {}
         try:
@@ -146,14 +161,14 @@ class Shards(Table):
                     file, current, group = _opened(self.paths[shard]), shard, -1
                     counts = [file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)]
                     groups = np.cumsum(counts)
-                here = row - (int(self.ends[shard - 1]) if shard else 0)
-                wanted = int(np.searchsorted(groups, here, side="right"))
+                shard_row = row - (int(self.ends[shard - 1]) if shard else 0)
+                wanted = int(np.searchsorted(groups, shard_row, side="right"))
                 if wanted != group:
                     group, images = wanted, _images(file, wanted, self.columns, self.paths[shard])
-                place = here - (int(groups[group - 1]) if group else 0)
-                where = f"{self.paths[shard]}, row {here}"
+                group_row = shard_row - (int(groups[group - 1]) if group else 0)
+                where = f"{self.paths[shard]}, row {shard_row}"
                 views = {
-                    view: decode_image(cells[place].as_py() or b"", where, self._depths[view])
+                    view: decode_image(cells[group_row].as_py() or b"", where, self._depths[view])
                     for view, cells in images.items()
                 }
                 yield self._observation(row, views)
@@ -167,7 +182,7 @@ class Shards(Table):
 
 
 def _all_images(paths: Sequence[Path], column: str) -> Iterator[bytes]:
-    """The encoded images of one column, one row group in memory at a time."""
+    """Yields the encoded images of one column; one row group is in memory at a time."""
     for path in paths:
         with _opened(path) as file:
             for group in range(file.metadata.num_row_groups):
@@ -176,7 +191,7 @@ def _all_images(paths: Sequence[Path], column: str) -> Iterator[bytes]:
 
 
 def _images(file: Any, group: int, columns: Mapping[str, str], path: Path) -> dict[str, Any]:
-    """View -> the encoded images of one row group."""
+    """Returns view -> the encoded images of one row group."""
     try:
         table = file.read_row_group(group, columns=[f"{column}.bytes" for column in columns.values()])
     except (OSError, arrow()[0].ArrowException) as error:
@@ -184,7 +199,7 @@ def _images(file: Any, group: int, columns: Mapping[str, str], path: Path) -> di
     stated = file.metadata.row_group(group).num_rows
     if table.num_rows != stated:
         raise FileFormatError(
-            f"{path}: is damaged: row group {group} holds {table.num_rows} images, its index says {stated}"
+            f"{path}: is damaged: row group {group} holds {table.num_rows} images, its index states {stated}"
         )
     return {view: table.column(column).combine_chunks().field("bytes") for view, column in columns.items()}
 

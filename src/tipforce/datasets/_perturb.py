@@ -1,4 +1,4 @@
-"""Perturbed data: images as they would be had something gone otherwise than in training, and the force then."""
+"""Perturbed data: images under conditions that differ from training, and the force that belongs to them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,16 +13,24 @@ from ._dataset import Dataset, RowStore
 
 
 class ImageOperation(Protocol):
-    """From an image to what is seen of it; the same for the same numbers. Comparable and hashable."""
+    """Changes an image; gives the same result for the same seed. Comparable and hashable."""
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:
-        """``image`` (h, w[, 3]) uint8 -> the same shape; ``seed``: of what is drawn, one for each image."""
+        """Returns the changed image.
+
+        Args:
+            image: (h, w) or (h, w, 3), uint8.
+            seed: seed of the random numbers, different for each image.
+
+        Returns:
+            An image of the same shape.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Warp:
-    """Turned counter-clockwise as shown and enlarged, both about the middle, then moved; borders are replicated."""
+    """Turns counter-clockwise and enlarges, both about the middle of the image, then shifts; borders are replicated."""
 
     right_px: float = 0.0
     down_px: float = 0.0
@@ -30,7 +38,7 @@ class Warp:
     zoom: float = 1.0
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:  # noqa: ARG002 - nothing is drawn
-        """The image bilinearly sampled."""
+        """Returns the image, bilinearly sampled."""
         height, width = image.shape[:2]
         matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), self.turn_deg, self.zoom)
         matrix[:, 2] += self.right_px, self.down_px
@@ -39,48 +47,48 @@ class Warp:
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """Grey levels times ``factor``, and times 1 - ``slope`` at the left border to 1 + ``slope`` at the right."""
+    """Multiplies grey levels by ``factor``, and by 1 - ``slope`` at the left border to 1 + ``slope`` at the right."""
 
     factor: float = 1.0
     slope: float = 0.0
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:  # noqa: ARG002 - nothing is drawn
-        """The image, saturated at 255."""
+        """Returns the image, saturated at 255."""
         ramp = self.factor * np.linspace(1 - self.slope, 1 + self.slope, image.shape[1], dtype=np.float32)
         return _bytes(image * (ramp if image.ndim == 2 else ramp[:, None]))
 
 
 @dataclass(frozen=True, slots=True)
 class Blur:
-    """A Gaussian of ``sigma_px``."""
+    """Blurs with a Gaussian of ``sigma_px``."""
 
     sigma_px: float
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:  # noqa: ARG002 - nothing is drawn
-        """The image out of focus."""
+        """Returns the blurred image."""
         return cv2.GaussianBlur(image, (0, 0), self.sigma_px, borderType=cv2.BORDER_REPLICATE)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """White Gaussian noise of ``sigma`` grey levels, each colour's its own."""
+    """Adds white Gaussian noise of ``sigma`` grey levels, independent for each colour."""
 
     sigma: float
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:
-        """The image with the noise that ``seed`` draws."""
+        """Returns the image with the noise of this ``seed``."""
         grain = np.random.default_rng(seed).standard_normal(image.shape, dtype=np.float32)
         return _bytes(image + self.sigma * grain)
 
 
 @dataclass(frozen=True, slots=True)
 class Disc:
-    """An even disc in front of everything, its diameter a ``share`` of the image's height, anywhere, of any grey."""
+    """Draws an even disc of random position and grey level; its diameter is a ``share`` of the image's height."""
 
     share: float
 
     def __call__(self, image: Image, seed: tuple[int, int]) -> Image:
-        """The image with the disc where ``seed`` draws it."""
+        """Returns the image with the disc at the position of this ``seed``."""
         draw = np.random.default_rng(seed)
         height, width = image.shape[:2]
         middle = int(draw.integers(width)), int(draw.integers(height))
@@ -94,9 +102,14 @@ def _bytes(image: np.ndarray) -> Image:
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """What happens to an image, and what the force is then: turned by ``force_turn_deg`` about the base frame's z.
+    """A change of the images, and the change of the force that belongs to it.
 
-    ``kind``, ``size``, ``way``: how it is called; those that differ in their ways only are one line of a table.
+    Attributes:
+        kind: name of the kind; perturbations that differ only in ``way`` are one line of a table.
+        size: size of the change, as text.
+        operation: the change of the image.
+        way: direction of the change, as text.
+        force_turn_deg: angle by which the force is turned about the base frame's z axis.
     """
 
     kind: str
@@ -106,7 +119,7 @@ class Perturbation:
     force_turn_deg: float = 0.0
 
     def force(self, force_n: FloatArray) -> FloatArray:
-        """``force_n`` (n, 3) as it is under this perturbation.
+        """Returns the force (n, 3) under this perturbation.
 
         >>> quarter = Perturbation("turn", "90 deg", Warp(turn_deg=90), force_turn_deg=90)
         >>> quarter.force(np.array([[0.2, 0.0, 0.1]])).round(3).tolist()
@@ -140,17 +153,20 @@ def _all() -> Iterator[Perturbation]:
 
 
 PERTURBATIONS = tuple(_all())
-"""Shifts, turns, zooms, light, blur, noise and an object in view, its diameter told in heights; three sizes each.
+"""Shifts, turns, zooms, light, blur, noise and an object in view (diameter as a share of the height); three sizes each.
 
-Turned: the whole bench under the camera, so the force in the base frame stays; turned along: as for labels in the
-image's axes.
+"turn": the whole bench is turned under the camera, so the force in the base frame stays. "turn, force turned along":
+the force is turned, too, as for labels in the image's axes.
 """
 
 
 def perturbed(dataset: Dataset, perturbation: Perturbation, seed: int = 0) -> Dataset:
-    """``dataset`` under ``perturbation``, the same each time; ``seed``: of its noise, or where the object lies.
+    """Returns ``dataset`` under a perturbation; reading it raises InputError if a view is not an image.
 
-    Reading it raises InputError where a view is no image.
+    Args:
+        dataset: a dataset with images.
+        perturbation: the change of images and force.
+        seed: seed of the noise and of the object's position; the same seed gives the same images.
     """
     return replace(
         dataset,
@@ -163,7 +179,7 @@ def perturbed(dataset: Dataset, perturbation: Perturbation, seed: int = 0) -> Da
 
 
 def in_memory(dataset: Dataset) -> Dataset:
-    """``dataset`` with its observations in memory, to be read many times."""
+    """Returns ``dataset`` with its observations in memory, for repeated reading."""
     kept = dict(zip(dataset.rows.tolist(), dataset.observations(), strict=True))
     return replace(dataset, store=_InMemory(kept), whole=None, _memo={}, _fingerprints=dataset.session_fingerprints)
 

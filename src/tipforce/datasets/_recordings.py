@@ -1,4 +1,4 @@
-"""Recordings as a dataset: every labelled frame is a sample, every file a session."""
+"""Recordings as a dataset: every labelled frame is a sample, every file is a session."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,11 +15,17 @@ from ._stores import Recordings
 
 
 def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = None, force: str = "force") -> Dataset:
-    """The frames of ``paths`` that have a force; frames outside the force log's time are left out.
+    """Returns the frames of ``paths`` that have a force; frames outside the force log's time are left out.
 
-    ``camera``: the view whose frames are the samples; None: the first of the first recording, and the images that
-    its other views took at the same instants come with them.
-    Raises InputError for a recording without images or forces, or when no frame has a force.
+    Args:
+        paths: the recordings.
+        title: name of the dataset.
+        camera: view whose frames are the samples; None: the first view of the first recording, with the images of its
+            other views at the same instants.
+        force: stream of the forces.
+
+    Raises:
+        InputError: a recording has no images or forces, or no frame has a force.
     """
     stamps: list[IntArray] = []
     forces: list[FloatArray] = []
@@ -30,7 +36,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
     known, some = np.ones(3, np.bool_), np.zeros(3, np.bool_)
     with RecordingReader(paths[0]) as reader:
         views = (camera,) if camera else reader.views or ("camera",)
-        paths = [reader.path, *paths[1:]]  # not the one that was given, where that was cut off and is now recovered
+        paths = [reader.path, *paths[1:]]  # if the given file was cut off, this is the recovered one
     opened: list[Path] = []
     for given in paths:
         with RecordingReader(given) as reader:
@@ -39,7 +45,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
             for stream in (*views, force):
                 if stream not in reader.info.streams:
                     there = ", ".join(reader.info.streams) or "none"
-                    raise InputError(f"{path}: to learn from it, a recording needs a stream {stream!r}; it has {there}")
+                    raise InputError(f"{path}: to train on it, a recording needs a stream {stream!r}; it has {there}")
             found = labels(reader, camera=views[0], force=force)
             rows = np.flatnonzero(np.isfinite(found.force_n[:, found.known]).all(axis=1) & found.known.any())
             known, some = known & found.known, some | found.known
@@ -74,7 +80,8 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
             remarks.append(f"{path.name}: lacks the actuation {', '.join(lacking)}, which other recordings have")
     recording, frame = np.repeat(np.arange(len(opened)), counts), np.concatenate(frames)
     stamp_ns = np.concatenate(stamps)
-    called = [f"{opened[k].name} frame {i}" for k, i in zip(recording.tolist(), frame.tolist(), strict=True)]
+    pairs = zip(recording.tolist(), frame.tolist(), strict=True)
+    frame_names = [f"{opened[k].name} frame {i}" for k, i in pairs]
     return Dataset(
         store=Recordings(stamp_ns, gathered, tuple(opened), recording, frame, views[0], views[1:]),
         session=np.repeat(list(infos), counts),
@@ -82,10 +89,10 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
         actuation=gathered,
         force_n=force_n,
         known=known,
-        names=np.array(called),
+        names=np.array(frame_names),
         session_info=infos,
         rows=np.arange(len(stamp_ns)),
         title=title,
         remarks=tuple(remarks),
-        view_names={view: np.array([f"{name}, view {view} beside it" for name in called]) for view in views[1:]},
+        view_names={view: np.array([f"{name}, view {view} beside it" for name in frame_names]) for view in views[1:]},
     )

@@ -1,4 +1,4 @@
-"""A session of any kind of data as a `Source` of events: what estimates are made on is what is trained on."""
+"""A session of any kind of data as a `Source` of events, so that estimates use the same data as training."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -20,11 +20,11 @@ class DatasetSource:
     """One session of a dataset as a `Source`: its images and drives, never its labels.
 
     Args:
-        dataset: Samples of one session with images.
-        path: What the dataset was opened from, for messages.
-        actuation: Constant readings. Raises InputError where the samples have a column of that name.
-        stated: Metadata in place of those that the dataset holds; constant readings among them are used where the
-            samples have none.
+        dataset: samples of one session with images.
+        path: path of the dataset, for messages.
+        actuation: constant readings. Raises InputError if the samples have a column of that name.
+        stated: metadata that replace those of the dataset; its constant readings are used for drives that the samples
+            do not have.
     """
 
     def __init__(
@@ -45,17 +45,17 @@ class DatasetSource:
         self._constant = {drive: value for drive, value in constant if drive not in own} | dict(actuation or {})
 
     def lacks(self, names: Iterable[str]) -> list[str]:
-        """Those of the actuation's ``names`` that never come."""
+        """Returns those ``names`` of the actuation for which there is no reading."""
         return [name for name in names if name not in self._constant and name not in self._own]
 
     def readings(self, name: str) -> FloatArray:
-        """(n,) all readings of the drive ``name``."""
+        """Returns the (n,) readings of the drive ``name``."""
         stated = self._constant.get(name, ())
         values = np.asarray(self._dataset.actuation[name] if name in self._own else stated, np.float64).ravel()
         return values[np.isfinite(values)]
 
     def file_names(self, view: str) -> Mapping[int, str]:
-        """Stamp in ns -> name of the image of ``view``, as the dataset has it."""
+        """Returns stamp in ns -> name of the image of ``view`` in the dataset."""
         names = self._dataset.names_of(view).tolist()
         return dict(zip(self._dataset.stamp_ns.tolist(), names, strict=True))
 
@@ -78,11 +78,19 @@ class DatasetSource:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Nothing stays open between two iterations."""
+        """Does nothing: no file is open between two iterations."""
 
 
 def file_names(source: Source, view: str) -> Mapping[int, str]:
-    """Returns stamp in ns -> name of the image file of ``view``; empty where images have none, as in a video."""
+    """Returns stamp in ns -> name of the image file.
+
+    Args:
+        source: a source of images.
+        view: view of the images.
+
+    Returns:
+        Empty if the images have no files, as in a video.
+    """
     if isinstance(source, DatasetSource):
         return source.file_names(view)
     return source.file_names if isinstance(source, FileSource) else {}
@@ -95,19 +103,19 @@ def open_source(
     actuation: Mapping[str, float] | None = None,
     stated: SessionInfo | None = None,
 ) -> Source:
-    """One session of any kind of data as a `Source`; a context manager, may be iterated again.
+    """Opens one session of any kind of data as a `Source`: a context manager that may be iterated again.
 
     Args:
-        path: A recording, video, DICOM file, image or folder of images; a dataset folder, its table, Parquet shards, a
+        path: a recording, video, DICOM file, image or folder of images; a dataset folder, its table, Parquet shards, a
             folder of recordings or a published layout.
-        session: Which one, where ``path`` holds several.
-        actuation: Constant readings of drives (``knob_deg``) that the data do not hold.
-        stated: Metadata in place of those that the data hold.
+        session: name of the session, if ``path`` has several.
+        actuation: constant readings of drives (``knob_deg``) that the data do not have.
+        stated: metadata that replace those of the data.
 
     Raises:
-        FileFormatError: where nothing can be read.
-        InputError: where ``session`` is none of the data's or must be stated, or ``actuation`` has a name that the
-            data hold themselves.
+        FileFormatError: ``path`` cannot be read.
+        InputError: ``session`` does not exist or must be stated, or ``actuation`` has a name that the data have
+            already.
     """
     where = Path(path)
     recordings = sorted(where.glob("*.mcap")) if where.is_dir() and not (where / METADATA).is_file() else []
@@ -133,6 +141,6 @@ def _chosen(path: Path, sessions: Iterable[str], wanted: str | None) -> str:
         return names[0]
     if wanted not in names:
         listed = ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
-        said = f"holds {len(names)} sessions; state one of them" if wanted is None else f"has no session {wanted}"
-        raise InputError(f"{path}: {said}: {listed}")
+        problem = f"holds {len(names)} sessions; state one of them" if wanted is None else f"has no session {wanted}"
+        raise InputError(f"{path}: {problem}: {listed}")
     return wanted

@@ -1,4 +1,4 @@
-"""Splits into training and test samples, and the protocols that have a name."""
+"""Splits into training and test samples, and the named protocols."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,14 +12,18 @@ from ._dataset import Dataset
 from ._join import random_subset
 
 LEAVE_ONE_OUT_SESSIONS = 10
-"""Up to so many sessions each is held out alone; more are held out in so many groups."""
+"""Up to this number of sessions each is held out alone; more sessions are held out in this number of groups."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """One way to part a dataset: ascending positions; rows in a gap are in none.
+    """One division of a dataset; each part is an array of ascending positions, and rows in a gap are in none.
 
-    ``calibrate``: kept apart to find the intervals on; none where that is left to the training part.
+    Attributes:
+        name: name of the split.
+        train: positions of the training samples.
+        test: positions of the test samples.
+        calibrate: positions of the samples on which intervals are calibrated; empty: the training part is used.
     """
 
     name: str
@@ -29,10 +33,17 @@ class Split:
 
 
 def random_split(dataset: Dataset, test_share: float = 0.25, seed: int = 0) -> Split:
-    """Rows drawn at random, ``test_share`` of them to test: the thesis's 75/25.
+    """Holds out rows that are drawn at random (in the thesis 25 %).
 
-    Neighbouring frames of one recording end on both sides, so the figures flatter. Raises InputError where a side
-    would be empty.
+    Neighbouring frames of one recording are then in both parts, so the errors are too small.
+
+    Args:
+        dataset: the dataset.
+        test_share: share of the rows that is held out.
+        seed: seed of the draw.
+
+    Raises:
+        InputError: a part would be empty.
     """
     _check_share(test_share)
     count = len(dataset)
@@ -44,7 +55,16 @@ def random_split(dataset: Dataset, test_share: float = 0.25, seed: int = 0) -> S
 
 
 def random_folds(dataset: Dataset, k: int = 4, seed: int = 0) -> list[Split]:
-    """Every row held out once, in ``k`` shuffled folds. Raises InputError for fewer rows than folds."""
+    """Holds out every row once, in random folds.
+
+    Args:
+        dataset: the dataset.
+        k: number of folds.
+        seed: seed of the shuffle.
+
+    Raises:
+        InputError: there are fewer rows than folds.
+    """
     _check_folds(k)
     if len(dataset) < k:
         raise InputError(f"{dataset.title}: {len(dataset)} samples are too few for {k} folds")
@@ -53,10 +73,15 @@ def random_folds(dataset: Dataset, k: int = 4, seed: int = 0) -> list[Split]:
 
 
 def blocked_folds(dataset: Dataset, k: int = 4, gap_s: float = 1.0) -> list[Split]:
-    """Every session cut into ``k`` stretches of equal count; fold i holds out the i-th of each.
+    """Cuts every session into ``k`` blocks of equal count; fold i holds out the i-th block of each session.
 
-    Training rows nearer than ``gap_s`` in time to a held-out stretch of their own session are left out. Raises
-    InputError where a session has fewer rows than ``k`` or the gap swallows all of the training part.
+    Args:
+        dataset: the dataset.
+        k: number of folds.
+        gap_s: training rows nearer than this to the held-out block of their session are left out.
+
+    Raises:
+        InputError: a session has fewer rows than ``k``, or the gaps leave no training rows.
     """
     _check_folds(k)
     cuts = [(rows, np.array_split(rows, k)) for rows in _rows_by_session(dataset)]
@@ -68,9 +93,16 @@ def blocked_folds(dataset: Dataset, k: int = 4, gap_s: float = 1.0) -> list[Spli
 
 
 def blocked_split(dataset: Dataset, test_share: float = 0.25, gap_s: float = 1.0, seed: int = 0) -> Split:
-    """One contiguous stretch of ``test_share`` of each session held out, its place drawn with ``seed``.
+    """Holds out one contiguous block of each session.
 
-    Gap and errors as in `blocked_folds`.
+    Args:
+        dataset: the dataset.
+        test_share: share of each session that is held out.
+        gap_s: training rows nearer than this to the held-out block of their session are left out.
+        seed: seed of the position of the blocks.
+
+    Raises:
+        InputError: a session has too few rows, or the gaps leave no training rows.
     """
     _check_share(test_share)
     draw = np.random.default_rng(seed)
@@ -86,9 +118,15 @@ def blocked_split(dataset: Dataset, test_share: float = 0.25, gap_s: float = 1.0
 
 
 def session_folds(dataset: Dataset, k: int | None = None, seed: int = 0) -> list[Split]:
-    """Every session held out once: alone up to `LEAVE_ONE_OUT_SESSIONS` of them, else in groups drawn with ``seed``.
+    """Holds out every session once: alone up to `LEAVE_ONE_OUT_SESSIONS` sessions, otherwise in random groups.
 
-    ``k``: number of folds instead. Raises InputError below two sessions.
+    Args:
+        dataset: the dataset.
+        k: number of folds; None: by the rule above.
+        seed: seed of the groups.
+
+    Raises:
+        InputError: there are fewer than two sessions, or fewer sessions than folds.
     """
     names = _sessions(dataset)
     count = min(len(names), LEAVE_ONE_OUT_SESSIONS) if k is None else k
@@ -129,7 +167,7 @@ def _blocked(dataset: Dataset, name: str, held: list[tuple[IntArray, IntArray]],
 
 
 def _rows_by_session(dataset: Dataset) -> list[IntArray]:
-    """Rows of each session in the order of time."""
+    """Returns the rows of each session in the order of time."""
     rows = [np.flatnonzero(dataset.session == name) for name in dataset.sessions]
     return [part[np.argsort(dataset.stamp_ns[part], kind="stable")] for part in rows]
 
@@ -143,7 +181,7 @@ def _sessions(dataset: Dataset) -> tuple[str, ...]:
 
 def _check_share(test_share: float) -> None:
     if not 0 < test_share < 1:
-        raise InputError(f"the share held out must lie between 0 and 1, got {test_share:g}")
+        raise InputError(f"the held-out share must be between 0 and 1, got {test_share:g}")
 
 
 def _check_folds(k: int) -> None:
@@ -154,13 +192,19 @@ def _check_folds(k: int) -> None:
 Protocol = Literal["random", "blocked", "session", "thesis", "standard", "catheter"]
 
 THESIS_SESSIONS = 8
-"""The thesis protocol draws its samples from so many sessions."""
+"""Number of sessions from which the thesis protocol draws its samples."""
 
 
 def thesis_split(dataset: Dataset, samples: int, seed: int = 0) -> Split:
-    """``samples`` frames drawn from the first eight sessions, split at random 75/25: the thesis's protocol.
+    """Draws samples from the first eight sessions, and splits them at random 75/25: the thesis's protocol.
 
-    The thesis has 220 frames for method 1 and 615 for method 2. Raises InputError where there are fewer frames.
+    Args:
+        dataset: the dataset.
+        samples: number of frames; the thesis has 220 for method 1 and 615 for method 2.
+        seed: seed of both draws.
+
+    Raises:
+        InputError: there are fewer frames.
     """
     first = np.flatnonzero(np.isin(dataset.session, dataset.sessions[:THESIS_SESSIONS]))
     if len(first) < samples:
@@ -170,15 +214,15 @@ def thesis_split(dataset: Dataset, samples: int, seed: int = 0) -> Split:
         )
     part = random_subset(dataset.subset(first), samples, seed)
     split = random_split(part, 0.25, seed)
-    place = {row: position for position, row in enumerate(dataset.rows.tolist())}
-    rows = np.array([place[row] for row in part.rows.tolist()], dtype=np.int64)
+    position = {row: index for index, row in enumerate(dataset.rows.tolist())}
+    rows = np.array([position[row] for row in part.rows.tolist()], dtype=np.int64)
     return Split(f"{len(split.train)} / {len(split.test)} of {samples}", rows[split.train], rows[split.test])
 
 
 def standard_split(dataset: Dataset) -> Split:
-    """Whole sessions in their order: the first quarter trains, the second calibrates intervals, the other half tests.
+    """Splits by sessions in order: the first quarter trains, the second calibrates intervals, the other half tests.
 
-    The standard protocol is 80 sessions: 0-19, 20-39 and 40-79. Raises InputError below four sessions.
+    The standard protocol has 80 sessions: 0-19, 20-39 and 40-79. Raises InputError below four sessions.
     """
     names = sorted(dataset.sessions)
     if len(names) < 4:
@@ -194,11 +238,11 @@ def standard_split(dataset: Dataset) -> Split:
 
 
 def catheter_splits(dataset: Dataset) -> list[Split]:
-    """For every catheter: its first session trains, its others test.
+    """Splits by catheter: the first session of each catheter trains, its other sessions test.
 
-    So a method is judged that starts from what it learnt elsewhere and gets one session to know a catheter by. Sessions
-    have the same catheter where its name and nominal values are the same; one with a single session is left out. Raises
-    InputError where all have a single one.
+    This judges a method that was trained elsewhere and gets one session of a new catheter. Sessions have the same
+    catheter if its name and nominal values are the same; a catheter with a single session is left out. Raises
+    InputError if every catheter has a single session.
     """
     groups: dict[Catheter, list[str]] = {}
     for name in dataset.sessions:
@@ -229,11 +273,17 @@ def splits(
     seed: int = 0,
     thesis_samples: int = 220,
 ) -> list[Split]:
-    """The splits of one protocol: a single one for "random" and "blocked" without ``folds``, else a cross-validation.
+    """Returns the splits of one protocol.
 
-    "session" holds every session out once whatever ``folds`` is; ``folds`` only groups them. "thesis" and "standard"
-    are one split each; see `thesis_split`, of ``thesis_samples``, and `standard_split`. "catheter" is one a catheter:
-    `catheter_splits`.
+    Args:
+        protocol: "random" and "blocked" are one split, or a cross-validation with ``folds``. "session" holds out every
+            session once. "thesis" (`thesis_split`) and "standard" (`standard_split`) are one split. "catheter"
+            (`catheter_splits`) is one split per catheter.
+        dataset: the dataset.
+        folds: number of folds; for "session", the number of groups of sessions.
+        test_share: share that "random" and "blocked" hold out.
+        seed: seed of all draws.
+        thesis_samples: number of samples of "thesis".
     """
     match protocol:
         case "session":

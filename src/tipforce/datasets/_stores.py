@@ -1,4 +1,4 @@
-"""Where a dataset's observations come from. Nothing is read before it is asked for."""
+"""Stores of a dataset's observations. Images are read only when they are used."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ from ._checks import check_image
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """``stamp_ns`` (n,), ``actuation``: name -> (n,), NaN where a reading is absent."""
+    """``stamp_ns``: (n,) stamps; ``actuation``: name -> (n,) readings, NaN without a reading."""
 
     stamp_ns: IntArray
     actuation: Mapping[str, FloatArray]
@@ -29,23 +29,26 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class _RowByRow(Table, ABC):
-    """Stores whose views are had one by one, in any order."""
+    """A store that reads the views of each row alone, in any order."""
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
-        """The observations of ``rows``, in the order given."""
+        """Yields the observations of ``rows``, in the given order."""
         for row in rows.tolist():
             yield self._observation(row, self._views(row))
 
     @abstractmethod
     def _views(self, row: int) -> Mapping[str, View]:
-        """The images of one row by view, or the coefficients in their place."""
+        """Returns the images of one row by view, or the shape numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles(_RowByRow):
-    """Images in files: ``paths``: view -> (n,); ``mask_paths``, where somebody drew them: view -> (n,).
+    """Images in files.
 
-    ``checksums``: view -> (n,) as `crc_text` writes them; "" where none is stated.
+    Attributes:
+        paths: view -> (n,) paths of the images.
+        mask_paths: view -> (n,) paths of the masks of the catheter; empty without masks.
+        checksums: view -> (n,) checksums as `crc_text` writes them; "" if none is stated.
     """
 
     paths: Mapping[str, tuple[Path, ...]]
@@ -53,12 +56,12 @@ class ImageFiles(_RowByRow):
     checksums: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
-        """Whether there is a file of every one of ``rows``."""
+        """Whether each of ``rows`` has a mask file."""
         paths = self.mask_paths.get(view)
         return paths is not None and all(paths[row].is_file() for row in rows.tolist())
 
     def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:
-        """(h, w), not 0 on the catheter, of each of ``rows``; None where there is no file of it."""
+        """Yields the mask (h, w) of each of ``rows``, not 0 on the catheter; None without a mask file."""
         paths = self.mask_paths.get(view)
         for row in rows.tolist():
             yield None if paths is None or not paths[row].is_file() else read_image(paths[row])
@@ -85,7 +88,7 @@ class ImageArray(_RowByRow):
 
 @dataclass(frozen=True, eq=False)
 class ShapeTable(_RowByRow):
-    """Ready-made shape numbers: ``values`` (n, k), ``names`` (k,)."""
+    """Shape numbers: ``values`` (n, k) with ``names`` (k,)."""
 
     names: tuple[str, ...]
     values: FloatArray
@@ -97,9 +100,14 @@ class ShapeTable(_RowByRow):
 
 @dataclass(frozen=True, eq=False)
 class Recordings(Table):
-    """Frames in recordings: ``recording`` (n,) index into ``paths``, ``frame`` (n,) index of the image in it.
+    """Frames in recordings.
 
-    ``others``: views whose image of the same instant comes with each; absent where it was dropped.
+    Attributes:
+        paths: paths of the recordings.
+        recording: (n,) index into ``paths``.
+        frame: (n,) index of the frame in its recording.
+        view: view of the frames.
+        others: views whose image of the same instant is added; absent if it was dropped.
     """
 
     paths: tuple[Path, ...]
@@ -109,25 +117,25 @@ class Recordings(Table):
     others: tuple[str, ...] = ()
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
-        """The observations of ``rows``, in the order given; one recording is open at a time."""
+        """Yields the observations of ``rows``, in the given order; one recording is open at a time."""
         reader, current = None, -1
         try:
             for row in rows.tolist():
-                place = int(self.recording[row])
-                if reader is None or place != current:
+                index = int(self.recording[row])
+                if reader is None or index != current:
                     if reader is not None:
                         reader.close()
-                    reader, current = RecordingReader(self.paths[place]), place
+                    reader, current = RecordingReader(self.paths[index]), index
                 image = reader.frame_at(int(self.frame[row]), self.view)
-                yield self._observation(row, {self.view: image.image, **self._beside(reader, row)})
+                yield self._observation(row, {self.view: image.image, **self._other_views(reader, row)})
         finally:
             if reader is not None:
                 reader.close()
 
-    def _beside(self, reader: RecordingReader, row: int) -> dict[str, View]:
+    def _other_views(self, reader: RecordingReader, row: int) -> dict[str, View]:
         found: dict[str, View] = {}
         for view in self.others:
-            place = int(nearest_frames(self.stamp_ns[row : row + 1], reader.stamps(view))[0])
-            if place >= 0:
-                found[view] = reader.frame_at(place, view).image
+            index = int(nearest_frames(self.stamp_ns[row : row + 1], reader.stamps(view))[0])
+            if index >= 0:
+                found[view] = reader.frame_at(index, view).image
         return found

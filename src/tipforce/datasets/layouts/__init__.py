@@ -1,4 +1,4 @@
-"""Published data sets in the layout their authors gave them: one module for each, and those of other packages."""
+"""Published data sets in their original layout: one module for each, and the layouts of other packages."""
 
 from pathlib import Path
 from typing import Protocol

@@ -1,7 +1,7 @@
 """github.com/chendaxia777/Vision-force-estimation: images of a soft arm and three force components (ICRA 2024).
 
 ``images.mat``: ``input_test`` (n, 1, 64, 64), 0..1, stored with rows and columns exchanged; ``forces.mat``:
-``target_test`` (n, 3, 1, 1) in newtons. MATLAB 7.3 files. The rows are no frames of one video: their stamps only count.
+``target_test`` (n, 3, 1, 1) in newtons. MATLAB 7.3 files. The rows are not the frames of one video: stamps are counts.
 """
 
 import importlib
@@ -23,12 +23,12 @@ REMARKS = (
 
 
 def recognises(folder: Path) -> bool:
-    """True where both files are there."""
+    """Returns whether both files exist."""
     return (folder / "images.mat").is_file() and (folder / "forces.mat").is_file()
 
 
 def open_layout(folder: Path) -> Dataset:
-    """All images as one session; raises MissingExtraError without h5py, FileFormatError for other contents."""
+    """Returns all images as one session; raises MissingExtraError without h5py, FileFormatError for other contents."""
     images = _read(folder / "images.mat", "input_test", (None, 1, 64, 64))
     forces = _read(folder / "forces.mat", "target_test", (len(images), 3, 1, 1))
     count = len(images)

@@ -1,8 +1,8 @@
 """github.com/Bigyuun/LSTM-force-estimation: a planar manipulator with two tendons, polynomials of its centreline.
 
-``sessions/data_NAME.csv`` has a row a frame, ``sessions/curve_fit_result-poly4d_NAME.json`` each frame's polynomial of
-degree 4 without constant term, in an undocumented unit of length. The forces are integers of an undocumented unit,
-plausibly millinewtons, on the sensor's own axes and with a bias that differs by session.
+``sessions/data_NAME.csv`` has one row per frame, ``sessions/curve_fit_result-poly4d_NAME.json`` the polynomial of each
+frame, of degree 4 without constant term, in an undocumented unit of length. The forces are integers of an undocumented
+unit, plausibly millinewtons, along the sensor's own axes and with a bias that differs by session.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ from .._label_table import check_stamps
 from .._stores import ShapeTable
 
 TARE_ROWS = 10
-"""Each session is tared by the median of so many first rows."""
+"""Number of first rows of a session whose median is subtracted (tare)."""
 
 SHAPE_NAMES = ("A1", "A2", "A3", "A4")
 NEWTONS_PER_UNIT = 1e-3
@@ -30,12 +30,12 @@ CATHETER = Catheter("planar tendon manipulator")
 
 
 def recognises(folder: Path) -> bool:
-    """True for the folder that holds ``sessions``, and for ``sessions`` itself."""
+    """Returns whether ``folder`` contains ``sessions``, or is that folder."""
     return any(any(place.glob("data_*.csv")) and any(place.glob(_CURVES.format("*"))) for place in _places(folder))
 
 
 def open_layout(folder: Path) -> Dataset:
-    """All sessions; raises FileFormatError or TableError where a session is incomplete."""
+    """Returns all sessions; raises FileFormatError or TableError if a session is incomplete."""
     place = next(place for place in _places(folder) if any(place.glob("data_*.csv")))
     sessions = [_session(path) for path in sorted(place.glob("data_*.csv"))]
     names, stamps, images, shapes, wires, forces = (list(part) for part in zip(*sessions, strict=True))
@@ -57,7 +57,7 @@ def open_layout(folder: Path) -> Dataset:
 
 
 _MAX_BYTES = 256 << 20
-"""Longest file of curves; the published ones have some 1 MB."""
+"""Largest file of curves; the published ones have about 1 MB."""
 _REMEDY = "copy the data set again"
 _CURVES = "curve_fit_result-poly4d_{}.json"
 
@@ -69,7 +69,7 @@ def _places(folder: Path) -> tuple[Path, Path]:
 def _session(
     path: Path,
 ) -> tuple[str, np.ndarray[tuple[int], np.dtype[np.int64]], list[str], FloatArray, FloatArray, FloatArray]:
-    """Name, stamps (n,), image names (n,), coefficients (n, 4), wire lengths (n, 2) in mm, forces (n, 3) in N."""
+    """Returns name, stamps (n,), image names (n,), coefficients (n, 4), wires (n, 2) in mm, forces (n, 3) in N."""
     name = path.stem.removeprefix("data_")
     table, curves = open_table(path, comments=False), path.with_name(_CURVES.format(name))
     stamps = table.integers("sec") * 1_000_000_000 + table.integers("nanosec")

@@ -2,7 +2,7 @@
 
 A binary message is a header of 36 bytes, little endian, then JSON (UTF-8), then a JPEG image::
 
-        offset  size  type    content
+    offset  size  type    content
          0     4  bytes   "TIPF"
          4     2  uint16  version of this layout: 1
          6     2  uint16  bytes of this header: 36
