@@ -39,7 +39,6 @@ REMAINING: dict[str, int] = {
     "__main__.py": 1,
     "_system": 49,
     "alignment": 76,
-    "calibration": 110,
     "control": 55,
     "estimators": 219,
     "geometry": 2,

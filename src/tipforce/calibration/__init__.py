@@ -1,4 +1,4 @@
-"""What a bench is, from its own recordings: sensor pose, moving mass, knob map, stiffness, tissue; and its camera."""
+"""Calibrates a bench from its own recordings: sensor pose, moving mass, knob map, stiffness, tissue, and its camera."""
 
 from ._calibrate import Calibration, SessionResult, calibrate_sessions
 from ._camera import BoardResult, BoardSettings, calibrate_board, scale_from_diameter, scale_from_ruler

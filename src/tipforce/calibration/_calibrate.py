@@ -1,4 +1,4 @@
-"""All that recordings tell of a bench: each session by itself, then what they have in common."""
+"""Calibrates a bench from recordings: fits each session alone, then combines the results."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,42 +16,48 @@ from ._session import CalibrationSession
 from ._tissue import TissueFit, fit_tissue
 
 _ROD_FRAMES, _KNOB_FRAMES, _TRIAL_FRAMES, _SHOWN_FRAMES = 60, 120, 16, 150
-"""Frames of one session that are used: neighbouring frames err alike, more of them only seem to tell more."""
-_LIGHT_N = 0.05
-"""Frames with less force tell the shape without load."""
-_CONTACT_N = 0.03
-_FREE_CURVATURE_PER_M = 3.0
-"""How far a frame's pre-curvature may be off the stated map while the map is looked for."""
-_POSE_STD_RAD = math.radians(1.5)
-"""Of an angle that a person reads off."""
-_ANY_STD_RAD = math.pi
-_WRONG_RAD = math.radians(10.0)
-"""A sensor that seems turned by more is stated wrongly."""
-_BETTER = 0.6
-"""And by another angle readings and lines must come nearer to one another by this factor."""
+"""Numbers of frames of one session that are used; more do not help, because neighbouring frames have similar errors."""
+MAX_UNLOADED_N = 0.05
+"""Frames with less force show the shape without load."""
+MIN_CONTACT_N = 0.03
+FREE_CURVATURE_STD_PER_M = 3.0
+"""Standard deviation of a frame's pre-curvature about the stated map, while the map is fitted."""
+READING_STD_RAD = math.radians(1.5)
+"""Standard deviation of an angle that a person reads."""
+ANY_ANGLE_STD_RAD = math.pi
+MAX_READING_ERROR_RAD = math.radians(10.0)
+"""If the sensor seems to be turned by more than this, its stated angle is wrong."""
+MAX_SPREAD_RATIO = 0.6
+"""And with another angle the difference of readings and lines must decrease by this factor."""
 _TURNS_RAD = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 _CLOCK_STD_S = {"estimated": 1e-3, "stated": 1e-3, "none": 1e-3, "stage": 5e-3, "refused": 1e-2}
-_ANGLE_MODEL_RAD = math.radians(0.8)
-"""Of the sensor's angle: the same."""
-_MODEL_SHARE = 0.02
-"""Of the stiffness: what a rod in the plane leaves out (depth, friction on the dome), whatever the frames say."""
-_TOLD = 0.6
-"""A value is written where the data leave less than this share of what was not known before."""
-_PROXIMAL = 1.0 / 3.0
+ANGLE_MODEL_STD_RAD = math.radians(0.8)
+"""Model error of the sensor's angle."""
+STIFFNESS_MODEL_SHARE = 0.02
+"""Model error of the stiffness, relative: depth and friction on the dome are not in a planar rod."""
+MAX_STD_SHARE = 0.6
+"""A value is written if its standard deviation is less than this share of the standard deviation before."""
+PROXIMAL_SHARE = 1.0 / 3.0
 """Share of the length that is fitted as the proximal part."""
-_SET_UP = PriorSettings(length=0.015, scale=0.006, tilt_per_m=0.05)
-"""Of a bench that is being calibrated: somebody has measured its length and scale, and put the camera square to it."""
-_NOISY_N = 8e-3
-_LARGE_MISFIT = 1.5
-"""Mean square: a rod as it is stated does not take the shapes that are detected."""
+BENCH_PRIOR = PriorSettings(length=0.015, scale=0.006, tilt_per_m=0.05)
+"""Priors of a bench that is calibrated: a person has measured length and scale and aligned the camera."""
+MAX_NOISE_N = 8e-3
+MAX_MISFIT = 1.5
+"""Mean square of the residual above which the stated rod does not describe the detected shapes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionResult:
-    """Of one session. What could not be found is None, and ``reasons`` says why.
+    """Result of one session. A part that could not be found is None, and ``reasons`` states the reason.
 
-    ``wrong_rad``: by how much the sensor seems turned where that is more than a reading error. ``shown``: of some
-    frames their seconds, what the sensor reads and what the calibrated rod makes of the line, (m, 2) each.
+    Attributes:
+        session: the session.
+        knob: map of the knob.
+        rod: fit of the rod.
+        tissue: fit of the tissue.
+        wrong_rad: angle by which the sensor seems to be turned; 0 if it is within a reading error.
+        shown: of some frames the time in s, the sensor's force (m, 2) and the force of the calibrated rod (m, 2).
+        reasons: part -> reason why it could not be found.
     """
 
     session: CalibrationSession
@@ -64,20 +70,20 @@ class SessionResult:
 
     @property
     def errors_n(self) -> FloatArray:
-        """(m, 2): the rod's force less the sensor's."""
+        """(m, 2) force of the rod less that of the sensor."""
         return self.shown[2] - self.shown[1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """``quantities`` in the order of a table; ``remarks``: whole sentences on what stays unknown."""
+    """Result: ``quantities`` in the order of the table; ``remarks``: sentences on quantities that stay unknown."""
 
     quantities: tuple[Quantity, ...]
     remarks: tuple[str, ...]
     sessions: tuple[SessionResult, ...]
 
     def quantity(self, name: str) -> Quantity:
-        """By its name. Raises KeyError."""
+        """Returns the quantity with this name. Raises KeyError."""
         for each in self.quantities:
             if each.name == name:
                 return each
@@ -90,17 +96,17 @@ def calibrate_sessions(
     stated_within: float = 0.1,
     progress: Callable[[float], None] | None = None,
 ) -> Calibration:
-    """What ``sessions`` of one bench and one catheter tell.
+    """Calibrates one bench and one catheter from ``sessions``.
 
     Args:
-        sessions: of `read_session`; with forces, or all contact-free.
-        stated_within: standard deviation of the stated stiffness, relative.
+        sessions: results of `read_session`, with forces or all without contact.
+        stated_within: relative standard deviation of the stated stiffness.
         progress: called with the share that is done.
 
     Raises:
         InputError: length or stiffness of the catheter is not stated.
     """
-    settings = RodSettings(prior=_SET_UP.model_copy(update={"stiffness": min(stated_within, 0.49)}))
+    settings = RodSettings(prior=BENCH_PRIOR.model_copy(update={"stiffness": min(stated_within, 0.49)}))
     results: list[SessionResult] = []
     for k, session in enumerate(sessions):
         results.append(_of_session(session, settings))
@@ -118,7 +124,7 @@ def _spread(rows: IntArray, count: int) -> IntArray:
 
 
 def _nominal(info: SessionInfo, knob_deg: FloatArray) -> FloatArray:
-    """(n,) curvature that the stated gain asks for; 0 without one."""
+    """Returns the (n,) curvature from the stated gain; 0 without a gain."""
     return np.nan_to_num((info.actuation.knob_gain_per_m_deg or 0.0) * knob_deg)
 
 
@@ -131,9 +137,9 @@ def _of_session(session: CalibrationSession, settings: RodSettings) -> SessionRe
         return SessionResult(session, None, None, None, 0.0, nothing, reasons)
     size = np.linalg.norm(session.force_n[known], axis=1)
     knob = rod = tissue = None
-    turn = _turn(session, known[size > _CONTACT_N], settings)
-    wrong = turn if abs(turn) > _WRONG_RAD else 0.0
-    light = _spread(known[size < _LIGHT_N], _KNOB_FRAMES)
+    turn = _turn(session, known[size > MIN_CONTACT_N], settings)
+    wrong = turn if abs(turn) > MAX_READING_ERROR_RAD else 0.0
+    light = _spread(known[size < MAX_UNLOADED_N], _KNOB_FRAMES)
     through = session.knob_deg
     try:
         knob, through = _knob_of(session, light, settings, wrong)
@@ -150,21 +156,21 @@ def _of_session(session: CalibrationSession, settings: RodSettings) -> SessionRe
     except InputError as error:
         reasons["rod"] = str(error)
     if wrong:
-        reasons["tissue"] = "not looked for while the sensor's angle is wrong; calibrate again with the new one"
-    elif bool((size > _CONTACT_N).any()):
+        reasons["tissue"] = "not fitted while the sensor's angle is wrong; calibrate again with the new one"
+    elif bool((size > MIN_CONTACT_N).any()):
         try:
             tissue = fit_tissue(session)
         except InputError as error:
             reasons["tissue"] = str(error)
     shown = nothing
     if rod is not None:
-        others = _spread(known, _SHOWN_FRAMES)
-        told = line_forces(
-            session.info, [session.lines[k] for k in others.tolist()], session.scale_m_per_px, curvature[others], rod,
+        rows = _spread(known, _SHOWN_FRAMES)
+        rod_forces = line_forces(
+            session.info, [session.lines[k] for k in rows.tolist()], session.scale_m_per_px, curvature[rows], rod,
             settings,
         )  # fmt: skip
         c, s = math.cos(rod.turn_rad), math.sin(rod.turn_rad)
-        shown = session.seconds[others], session.force_n[others] @ np.array([[c, s], [-s, c]]), told
+        shown = session.seconds[rows], session.force_n[rows] @ np.array([[c, s], [-s, c]]), rod_forces
     return SessionResult(session, knob, rod, tissue, wrong, shown, reasons)
 
 
@@ -185,7 +191,7 @@ def _fit(
         past_n=part.past_n,
         rate_n_per_s=part.rate_n_per_s,
         turn_rad=wrong_rad,
-        turn_std_rad=turn_std_rad or (_ANY_STD_RAD if wrong_rad else _POSE_STD_RAD),
+        turn_std_rad=turn_std_rad or (ANY_ANGLE_STD_RAD if wrong_rad else READING_STD_RAD),
         tare_std_n=math.hypot(2e-3, float(np.nanmax(stderr)) if np.isfinite(stderr).any() else 2e-3),
         late_std_s=late,
         drift_per_m=drift_per_m,
@@ -194,22 +200,22 @@ def _fit(
 
 
 def _turn(session: CalibrationSession, touching: IntArray, settings: RodSettings) -> float:
-    """By how much the sensor's stated angle seems wrong, rad; 0 where the frames do not tell."""
+    """Returns the angle in rad by which the sensor seems to be turned; 0 if the frames do not show one."""
     rows = _spread(touching, _TRIAL_FRAMES)
     if len(rows) < _TRIAL_FRAMES:
         return 0.0
     curvature = _nominal(session.info, session.knob_deg)
     best, least = 0.0, math.inf
     try:
-        least = _BETTER * _fit(session, rows, curvature, settings, 0.0).force_std_n
+        least = MAX_SPREAD_RATIO * _fit(session, rows, curvature, settings, 0.0).force_std_n
     except InputError:
-        least = math.inf  # at the stated angle there is no fit at all: any other is better
+        least = math.inf  # there is no fit at the stated angle, so any other one is better
     for turn in _TURNS_RAD:
         try:
-            found = _fit(session, rows, curvature, settings, turn, turn_std_rad=_ANY_STD_RAD)
+            found = _fit(session, rows, curvature, settings, turn, turn_std_rad=ANY_ANGLE_STD_RAD)
         except InputError:
             continue
-        if found.force_std_n < least and found.turn_std_rad < _WRONG_RAD:
+        if found.force_std_n < least and found.turn_std_rad < MAX_READING_ERROR_RAD:
             best, least = found.turn_rad, found.force_std_n
     return math.remainder(best, 2.0 * math.pi)
 
@@ -217,11 +223,16 @@ def _turn(session: CalibrationSession, touching: IntArray, settings: RodSettings
 def _knob_of(
     session: CalibrationSession, rows: IntArray, settings: RodSettings, wrong_rad: float
 ) -> tuple[KnobFit, FloatArray]:
-    """The knob's map, and what its play lets through at all frames."""
+    """Returns the knob's map, and the knob angle behind its play at all frames."""
     if not len(rows):
-        raise InputError("no frame has little force: the shape without load does not show")
+        raise InputError("no frame has little force, so the shape without load is not known")
     fit = _fit(
-        session, rows, _nominal(session.info, session.knob_deg), settings, wrong_rad, drift_per_m=_FREE_CURVATURE_PER_M
+        session,
+        rows,
+        _nominal(session.info, session.knob_deg),
+        settings,
+        wrong_rad,
+        drift_per_m=FREE_CURVATURE_STD_PER_M,
     )
     kept = rows[fit.kept]
     knob = fit_knob(
@@ -236,15 +247,17 @@ def _clock(results: Sequence[SessionResult]) -> list[Quantity]:
     made: list[Quantity] = []
     for session in found:
         offset = session.clock_map
-        told = offset.how == "estimated"
+        is_estimated = offset.how == "estimated"
         made.append(
             Quantity(
                 f"clock offset, {session.name}" if len(results) > 1 else "clock offset",
                 math.nan if offset.how == "refused" else offset.offset_ms,
-                offset.stderr_ms if told else math.nan,
+                offset.stderr_ms if is_estimated else math.nan,
                 "ms",
                 len(session.stamp_ns),
-                doubt="" if told else offset.detail or "from the stage's movement, good to some milliseconds",
+                doubt=""
+                if is_estimated
+                else offset.detail or "from the stage's movement, accurate to some milliseconds",
             )
         )
     return made
@@ -255,30 +268,36 @@ def _sensor(results: Sequence[SessionResult]) -> list[Quantity]:
     if not rods:
         return []
     stated = rods[0][0].session.info.sensor
-    prior = _POSE_STD_RAD if not any(each.wrong_rad for each, _ in rods) else math.inf
+    prior = READING_STD_RAD if not any(each.wrong_rad for each, _ in rods) else math.inf
     turn, std = combined([rod.turn_rad for _, rod in rods], [rod.turn_std_rad for _, rod in rods], prior)
-    before = stated.angle_deg
-    value = math.degrees(math.remainder(math.radians(before or 0.0) + turn, 2.0 * math.pi))
-    std = math.hypot(std, _ANGLE_MODEL_RAD)
-    told = std / _POSE_STD_RAD < _TOLD or before is None or abs(turn) > max(_WRONG_RAD, 3.0 * std)
-    doubt = "" if told else "told no better than a person reads it off; the stated angle stays"
+    stated_deg = stated.angle_deg
+    value = math.degrees(math.remainder(math.radians(stated_deg or 0.0) + turn, 2.0 * math.pi))
+    std = math.hypot(std, ANGLE_MODEL_STD_RAD)
+    written = (
+        std / READING_STD_RAD < MAX_STD_SHARE or stated_deg is None or abs(turn) > max(MAX_READING_ERROR_RAD, 3.0 * std)
+    )
+    doubt = "" if written else "not more accurate than a person's reading; the stated angle stays"
     if len({each.session.info.sensor.angle_deg for each, _ in rods}) > 1:
-        told, doubt = False, "the recordings state different angles: calibrate them one by one"
+        written, doubt = False, "the recordings state different angles: calibrate them one by one"
     reads = stated.reads or "tip-on-tissue"
-    if abs(turn) > _WRONG_RAD:
-        other = "tissue-on-tip" if reads == "tip-on-tissue" else "tip-on-tissue"
+    if abs(turn) > MAX_READING_ERROR_RAD:
+        opposite = "tissue-on-tip" if reads == "tip-on-tissue" else "tip-on-tissue"
         doubt = f"the stated angle does not fit: turned by {math.degrees(turn):+.0f} deg"
-        if abs(abs(turn) - math.pi) < _WRONG_RAD:
-            doubt += f", or the sensor reads {other}"
-    elif before is None:
-        doubt = f"taken that it reads {reads}; with the opposite it is {value + 180.0:.0f} deg"
+        if abs(abs(turn) - math.pi) < MAX_READING_ERROR_RAD:
+            doubt += f", or the sensor reads {opposite}"
+    elif stated_deg is None:
+        doubt = f"assumed that it reads {reads}; with the opposite it is {value + 180.0:.0f} deg"
     frames = sum(rod.frames for _, rod in rods)
-    return [Quantity("sensor angle", value, math.degrees(std), "deg", frames, "sensor.angle_deg", before, told, doubt)]
+    return [
+        Quantity(
+            "sensor angle", value, math.degrees(std), "deg", frames, "sensor.angle_deg", stated_deg, written, doubt
+        )
+    ]
 
 
 def _touches(result: SessionResult) -> bool:
     size = np.linalg.norm(result.session.force_n, axis=1)
-    return bool((size > _CONTACT_N).sum() >= _TRIAL_FRAMES)
+    return bool((size > MIN_CONTACT_N).sum() >= _TRIAL_FRAMES)
 
 
 def _tare(results: Sequence[SessionResult]) -> list[Quantity]:
@@ -311,7 +330,7 @@ def _mass(results: Sequence[SessionResult]) -> list[Quantity]:
         Quantity(
             "moving mass", mass, std, "kg", frames, "sensor.moving_mass_kg",
             results[0].session.info.sensor.moving_mass_kg, std < 0.2 * mass,
-            "" if std < 0.2 * mass else "the stage hardly accelerates without contact",
+            "" if std < 0.2 * mass else "the stage accelerates too little without contact",
         )
     ]  # fmt: skip
 
@@ -327,7 +346,7 @@ def _knob(results: Sequence[SessionResult]) -> list[Quantity]:
     if not maps:
         value, std = combined([k.curvature_per_m for k in knobs], [k.curvature_std for k in knobs])
         doubt = (
-            f"the knob stood at {low:g} deg: neither gain nor hysteresis is told; turn it up and down without contact"
+            f"the knob stayed at {low:g} deg, so gain and hysteresis are unknown; turn it up and down without contact"
         )
         expected = info.actuation.curvature_per_m(low)
         return [Quantity(f"pre-curvature at {low:g} deg", value, std, "1/m", frames, before=expected, doubt=doubt)]
@@ -349,13 +368,15 @@ def _knob(results: Sequence[SessionResult]) -> list[Quantity]:
     if plays:
         play, play_std = combined([k.play_deg for k in plays], [max(k.play_std, 0.05) for k in plays])
         fine = play_std < 1.0
-        doubt = "" if fine else "the knob turned too little to and fro"
+        doubt = "" if fine else "the knob was turned back too little"
         made.append(
             Quantity("knob hysteresis", play, play_std, "deg", frames, "actuation.knob_play_deg",
                      info.actuation.knob_play_deg, fine, doubt)
         )  # fmt: skip
     else:
-        made.append(Quantity("knob hysteresis", math.nan, math.nan, "deg", frames, doubt="the knob never turned back"))
+        made.append(
+            Quantity("knob hysteresis", math.nan, math.nan, "deg", frames, doubt="the knob was never turned back")
+        )
     return made
 
 
@@ -367,20 +388,22 @@ def _stiffness(results: Sequence[SessionResult], stated_within: float) -> list[Q
         return []
     frames = sum(rod.frames for rod in rods)
     share, std = combined([r.value("stiffness") for r in rods], [r.std("stiffness") for r in rods], stated_within)
-    std = math.hypot(std, _MODEL_SHARE)
-    told = std < _TOLD * stated_within
-    doubt = "" if told else "the frames hardly tell it; the stated value stays"
+    std = math.hypot(std, STIFFNESS_MODEL_SHARE)
+    written = std < MAX_STD_SHARE * stated_within
+    doubt = "" if written else "the frames determine it too little; the stated value stays"
     noise = max(rod.force_std_n for rod in rods)
-    if noise > _NOISY_N:
-        doubt = (doubt + "; " if doubt else "") + f"sensor and lines are {1e3 * noise:.0f} mN apart: clock or inertia"
+    if noise > MAX_NOISE_N:
+        doubt = (doubt + "; " if doubt else "") + f"sensor and lines differ by {1e3 * noise:.0f} mN: clock or inertia"
     misfit = max(rod.misfit for rod in rods)
-    if misfit > _LARGE_MISFIT:
-        doubt = (doubt + "; " if doubt else "") + f"lines are off the rod, misfit {misfit:.1f}: check length and scale"
-        told = False
+    if misfit > MAX_MISFIT:
+        doubt = (
+            doubt + "; " if doubt else ""
+        ) + f"lines differ from the rod, misfit {misfit:.1f}: check length and scale"
+        written = False
     made = [
         Quantity(
             "bending stiffness", stated * (1.0 + share), stated * std, "N m^2", frames,
-            "catheter.bending_stiffness_nm2", stated, told, doubt,
+            "catheter.bending_stiffness_nm2", stated, written, doubt,
         )
     ]  # fmt: skip
     prior = rods[0].prior("proximal_stiffness")
@@ -388,22 +411,22 @@ def _stiffness(results: Sequence[SessionResult], stated_within: float) -> list[Q
         [r.value("proximal_stiffness") for r in rods], [r.std("proximal_stiffness") for r in rods], prior
     )
     more_std = math.hypot(more_std, 0.01)
-    shown = more_std < _TOLD * prior and abs(more) > 2.0 * more_std and not info.catheter.stiffness_profile
-    edge = round(_PROXIMAL, 3)
+    shown = more_std < MAX_STD_SHARE * prior and abs(more) > 2.0 * more_std and not info.catheter.stiffness_profile
+    edge = round(PROXIMAL_SHARE, 3)
     profile = [[0.0, round(1.0 + more, 4)], [edge, round(1.0 + more, 4)], [round(edge + 0.001, 4), 1.0], [1.0, 1.0]]
     made.append(
         Quantity(
             "stiffer next to the base", 100.0 * more, 100.0 * more_std, "%", frames,
             "catheter.stiffness_profile" if shown else "", None, shown,
-            "" if shown else "not told apart from an even shaft" if not info.catheter.stiffness_profile
-            else "beside the stated profile", stated=profile,
+            "" if shown else "not distinguishable from an even shaft" if not info.catheter.stiffness_profile
+            else "in addition to the stated profile", stated=profile,
         )
     )  # fmt: skip
     soft, soft_std = combined(
         [r.value("stiffening_m2") for r in rods], [r.std("stiffening_m2") for r in rods],
     )  # fmt: skip
     left = soft_std / rods[0].prior("stiffening_m2")
-    doubt = "" if left < _TOLD else "the shaft bends too little to tell it"
+    doubt = "" if left < MAX_STD_SHARE else "the shaft bends too little to determine it"
     made.append(Quantity("stiffening with curvature", 1e4 * soft, 1e4 * soft_std, "1e-4 m^2", frames, doubt=doubt))
     return made
 
@@ -418,41 +441,42 @@ def _tissue(results: Sequence[SessionResult]) -> list[Quantity]:
     slide = max(each.slide for each in found)
     doubt = ""
     if std > 0.15 * value:
-        doubt = f"the tip slides {slide:.1f} times as far as it presses in"
+        doubt = f"the tip slides {slide:.1f} times as far as it is pressed in"
     made = [
         Quantity("tissue stiffness", value, std, "N/m", frames, "tissue.stiffness_n_per_m",
                  results[0].session.info.tissue.stiffness_n_per_m, std < 0.25 * value, doubt)
     ]  # fmt: skip
-    told = exponent_std < 0.15
-    what = "1 is a spring" if told else "not told"
-    made.append(Quantity("tissue law's exponent", exponent, exponent_std, "", frames, doubt=what if not told else ""))
+    is_determined = exponent_std < 0.15
+    doubt = "" if is_determined else "not determined"
+    made.append(Quantity("tissue law's exponent", exponent, exponent_std, "", frames, doubt=doubt))
     return made
 
 
 def _remarks(results: Sequence[SessionResult], quantities: Sequence[Quantity]) -> tuple[str, ...]:
-    said: list[str] = []
+    remarks: list[str] = []
     names = {each.name for each in quantities}
     info = results[0].session.info
     if "bending stiffness" not in names:
         stiffness = info.catheter.bending_stiffness_nm2 or math.nan
-        said.append(
-            f"the stated stiffness of {stiffness:.3g} N m^2 was not checked, for no frame has a force in contact: an "
-            "error of 5 % is 5 % of every force"
+        remarks.append(
+            f"the stated stiffness of {stiffness:.3g} N m^2 was not checked, because no frame has a force in contact: "
+            "an error of 5 % is 5 % of every force"
         )
-        said.append("sensor angle, tare, moving mass and tissue stay unknown: they need a recording with forces")
+        remarks.append("sensor angle, tare, moving mass and tissue stay unknown: they need a recording with forces")
     for each in results:
-        for what, reason in each.reasons.items():
-            said.append(f"{each.session.name}: {what}: {reason}")
+        for part, reason in each.reasons.items():
+            remarks.append(f"{each.session.name}: {part}: {reason}")
         lost = 1.0 - len(each.session.stamp_ns) / max(each.session.frames, 1)
         if lost > 0.1:
-            said.append(f"{each.session.name}: the catheter is not detected in {lost:.0%} of the frames")
+            remarks.append(f"{each.session.name}: the catheter is not detected in {lost:.0%} of the frames")
     errors = [each.errors_n for each in results if len(each.shown[0]) and _touches(each)]
     if errors:
-        apart = np.concatenate(errors)
-        apart = apart[np.isfinite(apart).all(axis=1)]
-        rms = 1e3 * np.sqrt(np.mean(apart**2, axis=0))
-        said.append(
-            f"sensor and calibrated rod differ by {rms[0]:.0f} mN in x and {rms[1]:.0f} mN in y (RMS over {len(apart)} "
-            "frames of these recordings; the figure that counts is that of other sessions: `tipforce evaluate rod`)"
+        differences = np.concatenate(errors)
+        differences = differences[np.isfinite(differences).all(axis=1)]
+        rms = 1e3 * np.sqrt(np.mean(differences**2, axis=0))
+        remarks.append(
+            f"sensor and calibrated rod differ by {rms[0]:.0f} mN in x and {rms[1]:.0f} mN in y (RMS over "
+            f"{len(differences)} frames of these recordings; the figure that counts is that of other sessions: "
+            "`tipforce evaluate rod`)"
         )
-    return tuple(said)
+    return tuple(remarks)

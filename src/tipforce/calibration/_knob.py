@@ -1,9 +1,9 @@
-"""From the knob's angle to the curvature without load: gain, offset and hysteresis.
+"""Fits the map from the knob's angle to the curvature without load: gain, offset and hysteresis.
 
-The curvature follows the knob through a play (`mechanics.Play`): it stands still until the knob has crossed
-the gap. For every width of the gap on a grid the curvature is a straight line over what the play lets through; the
-best width leaves the least. What the knob's curvature drifts is not independent from frame to frame, so the standard
-deviations come from a bootstrap over blocks of time.
+The curvature follows the knob through a play (`mechanics.Play`): it is constant until the knob has crossed the gap. For
+every width of the gap on a grid, the curvature is fitted as a straight line over the angle behind the play; the width
+with the smallest residual is taken. The drift of the curvature is correlated between frames, so the standard deviations
+come from a bootstrap over blocks of time.
 """
 
 import math
@@ -15,24 +15,38 @@ from ..errors import InputError
 from ..mechanics import Play
 from ..types import FloatArray, IntArray
 
-_LEAST_FRAMES = 8
-_LEAST_RANGE_DEG = 3.0
-"""Of the knob's angle: less tells no gain."""
-_WIDEST_DEG, _STEP_DEG = 8.0, 0.1
-_STARTS = np.linspace(-0.5, 0.5, 9)
-"""Where in the gap the knob rests at first, as a share of it."""
+MIN_FRAMES = 8
+MIN_RANGE_DEG = 3.0
+"""Least range of the knob's angle; a smaller range does not determine the gain."""
+MAX_PLAY_DEG, PLAY_STEP_DEG = 8.0, 0.1
+START_SHARES = np.linspace(-0.5, 0.5, 9)
+"""Initial positions of the knob in the gap, as a share of it."""
 _BLOCK_S = 2.0
 _REPLICATES = 60
-_TURNS_DEG = 2.0
-"""A way back longer than this shows the gap, if it is there."""
+MIN_WAY_BACK_DEG = 2.0
+"""Least way back of the knob that shows the gap, if there is one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnobFit:
     """Curvature = ``offset_per_m`` + ``gain_per_m_deg`` x (the knob's angle behind a gap of ``play_deg``).
 
-    NaN where it is not told: of one angle only ``curvature_per_m`` there. ``told_deg`` (n,), ``measured_per_m`` (n,):
-    angles and curvatures of the frames; ``turning`` (n,): 1 where the knob last went up, -1 down, 0 before it moved.
+    Values that the data do not determine are NaN; for a constant angle only ``curvature_per_m`` is known.
+
+    Attributes:
+        gain_per_m_deg: gain, and ``gain_std`` its standard deviation.
+        offset_per_m: offset, and ``offset_std`` its standard deviation.
+        play_deg: width of the gap, and ``play_std`` its standard deviation.
+        curvature_per_m: mean curvature, and ``curvature_std`` its standard deviation.
+        start_deg: initial position of the knob in the gap.
+        low_deg: smallest angle of the frames.
+        high_deg: largest angle of the frames.
+        residual_per_m: RMS of the residual.
+        frames: number of frames.
+        knob_deg: (n,) angles of the frames.
+        measured_per_m: (n,) curvatures of the frames.
+        turning: (n,) 1 if the last motion of the knob was upward, -1 downward, 0 before its first motion.
+        transmitted_deg: (n,) angles behind the play.
     """
 
     gain_per_m_deg: float
@@ -48,13 +62,18 @@ class KnobFit:
     high_deg: float
     residual_per_m: float
     frames: int
-    told_deg: FloatArray
+    knob_deg: FloatArray
     measured_per_m: FloatArray
     turning: FloatArray
     transmitted_deg: FloatArray
 
     def through(self, series: tuple[IntArray, FloatArray], stamp_ns: IntArray) -> FloatArray:
-        """(n,) what the play lets through at ``stamp_ns`` (n,), each among the stamps of ``series``."""
+        """Returns the (n,) angles behind the play.
+
+        Args:
+            series: stamps and angles in degrees of all readings of the knob.
+            stamp_ns: (n,) times, each of them one of the stamps of ``series``.
+        """
         stamps, angle = series
         known = np.isfinite(angle)
         stamps, angle = stamps[known], angle[known]
@@ -63,7 +82,7 @@ class KnobFit:
         return angle[np.clip(np.searchsorted(stamps, stamp_ns), 0, len(stamps) - 1)]
 
     def curvature_at(self, transmitted_deg: FloatArray) -> FloatArray:
-        """(n,) of what the play lets through."""
+        """Returns the (n,) curvatures for angles behind the play."""
         if math.isnan(self.gain_per_m_deg):
             return np.full(len(transmitted_deg), self.curvature_per_m)
         return self.offset_per_m + self.gain_per_m_deg * transmitted_deg
@@ -77,14 +96,14 @@ def fit_knob(
     *,
     common_std_per_m: float = 0.0,
 ) -> KnobFit:
-    """The map of the knob.
+    """Fits the map of the knob.
 
     Args:
-        series: stamps and angles of all its readings in degrees, which move the play.
-        stamp_ns: (n,) of the frames, each among those of ``series``.
-        curvature_per_m: (n,) found in them without load.
-        curvature_std: (n,) of each, without what all have in common.
-        common_std_per_m: of that.
+        series: stamps and angles in degrees of all readings of the knob, which move the play.
+        stamp_ns: (n,) stamps of the frames, each of them one of the stamps of ``series``.
+        curvature_per_m: (n,) curvatures of the frames without load.
+        curvature_std: (n,) their standard deviations, without the common error.
+        common_std_per_m: standard deviation of the common error.
 
     Raises:
         InputError: there is no knob, or there are too few frames.
@@ -92,16 +111,16 @@ def fit_knob(
     stamps, angle = series
     known = np.isfinite(angle)
     if not known.any():
-        raise InputError("no angle of the knob is recorded; state actuation.constant.knob_deg where it stands still")
-    if len(stamp_ns) < _LEAST_FRAMES:
-        raise InputError(f"{len(stamp_ns)} frames without much force, {_LEAST_FRAMES} are needed for the knob")
+        raise InputError("no angle of the knob is recorded; state actuation.constant.knob_deg if it does not move")
+    if len(stamp_ns) < MIN_FRAMES:
+        raise InputError(f"{len(stamp_ns)} frames without much force, {MIN_FRAMES} are needed for the knob")
     stamps, angle = stamps[known], angle[known]
     at = np.clip(np.searchsorted(stamps, stamp_ns), 0, len(stamps) - 1)
     weight = 1.0 / (curvature_std**2 + float(np.median(curvature_std)) ** 2)
     block = np.floor((stamp_ns - stamp_ns[0]) * 1e-9 / _BLOCK_S).astype(np.int64)
     numbers, block = np.unique(block, return_inverse=True)
-    told = angle[at]
-    low, high = float(told.min()), float(told.max())
+    frame_deg = angle[at]
+    low, high = float(frame_deg.min()), float(frame_deg.max())
     nan = math.nan
     mean = float(np.average(curvature_per_m, weights=weight))
     blocks = np.array(
@@ -110,15 +129,20 @@ def fit_knob(
     spread = (
         float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks)) if len(blocks) > 2 else float(np.median(curvature_std))
     )
-    if high - low < _LEAST_RANGE_DEG or len(numbers) < 4:
+    if high - low < MIN_RANGE_DEG or len(numbers) < 4:
         return KnobFit(
             nan, nan, nan, nan, nan, nan, mean, math.hypot(spread, common_std_per_m), 0.0, low, high,
-            float(np.std(curvature_per_m - mean)), len(told), told, curvature_per_m, np.zeros(len(told)), told,
+            float(np.std(curvature_per_m - mean)), len(frame_deg), frame_deg, curvature_per_m, np.zeros(len(frame_deg)),
+            frame_deg,
         )  # fmt: skip
     turns = _turns(angle)
-    ways = np.abs(np.diff(angle[turns]))
-    widths = np.arange(0.0, min(_WIDEST_DEG, high - low), _STEP_DEG) if (ways > _TURNS_DEG).sum() > 1 else np.zeros(1)
-    cases = [(width, start * width) for width in widths.tolist() for start in (_STARTS if width else (0.0,))]
+    travel = np.abs(np.diff(angle[turns]))
+    widths = (
+        np.arange(0.0, min(MAX_PLAY_DEG, high - low), PLAY_STEP_DEG)
+        if (travel > MIN_WAY_BACK_DEG).sum() > 1
+        else np.zeros(1)
+    )
+    cases = [(width, start * width) for width in widths.tolist() for start in (START_SHARES if width else (0.0,))]
     through = np.array([Play(width, output=float(angle[0]) + start).run(angle)[at] for width, start in cases])
     sums = _sums(through, curvature_per_m, weight, block, len(numbers))
     best, solved = _best(sums.sum(axis=0))
@@ -132,14 +156,14 @@ def fit_knob(
     left = curvature_per_m - offset - gain * through[best]
     return KnobFit(
         gain, float(scatter[:, 1].std()), offset, math.hypot(float(scatter[:, 0].std()), common_std_per_m), play,
-        math.hypot(play_std, _STEP_DEG / math.sqrt(12.0)), mean, spread, cases[best][1], low, high,
-        float(np.sqrt(np.average(left**2, weights=weight))), len(told), told, curvature_per_m, going[last][at],
-        through[best],
+        math.hypot(play_std, PLAY_STEP_DEG / math.sqrt(12.0)), mean, spread, cases[best][1], low, high,
+        float(np.sqrt(np.average(left**2, weights=weight))), len(frame_deg), frame_deg, curvature_per_m,
+        going[last][at], through[best],
     )  # fmt: skip
 
 
 def _turns(angle: FloatArray) -> IntArray:
-    """Where the knob's way turns, and both ends."""
+    """Returns the positions at which the knob's direction changes, and both ends."""
     going = np.sign(np.diff(angle))
     moving = np.flatnonzero(going)
     if not len(moving):
@@ -149,7 +173,7 @@ def _turns(angle: FloatArray) -> IntArray:
 
 
 def _sums(through: FloatArray, values: FloatArray, weight: FloatArray, block: IntArray, count: int) -> FloatArray:
-    """(blocks, cases, 6): of the weighted regression of ``values`` on 1 and each row of ``through``."""
+    """Returns the (blocks, cases, 6) sums of the weighted regression of ``values`` on 1 and each row of ``through``."""
     rows = np.stack(
         [np.ones_like(through), through, through**2, np.broadcast_to(values, through.shape), through * values,
          np.broadcast_to(values**2, through.shape)], axis=-1,
@@ -159,7 +183,7 @@ def _sums(through: FloatArray, values: FloatArray, weight: FloatArray, block: In
 
 
 def _best(sums: FloatArray) -> tuple[int, FloatArray]:
-    """Of the cases (cases, 6) the one that leaves least, and its offset and slope (2,)."""
+    """Returns the case (of (cases, 6) sums) with the smallest residual, and its offset and slope (2,)."""
     one, x, xx, y, xy, yy = sums.T
     determinant = np.maximum(one * xx - x * x, 1e-12)
     slope = (one * xy - x * y) / determinant

@@ -1,4 +1,4 @@
-"""One calibrated quantity, and how several sessions' values of it become one."""
+"""A calibrated quantity, and the combination of its values from several sessions."""
 
 import math
 from collections.abc import Sequence
@@ -12,9 +12,16 @@ import numpy as np
 class Quantity:
     """A value with its standard deviation.
 
-    ``key``: of ``bench.toml`` where it has a place there; ``written``: whether it is good enough to stand in it.
-    ``before``: what was stated; ``frames``: that it comes from; ``doubt``: where it is poor, in a sentence, or empty.
-    ``stated``: what stands in the file in place of the number.
+    Attributes:
+        name: name in the table.
+        value: the value; NaN if it is not known.
+        std: its standard deviation.
+        unit: unit of both.
+        frames: number of frames from which it was found.
+        key: key in ``bench.toml``; "" if it has none.
+        before: stated value.
+        written: whether it is accurate enough to be written to ``bench.toml``.
+        stated: content for the file in place of the number.
     """
 
     name: str
@@ -26,15 +33,16 @@ class Quantity:
     before: float | None = None
     written: bool = False
     doubt: str = ""
+    """Reason why the value is not accurate, or ""."""
     stated: Any = None
 
     @property
     def known(self) -> bool:
-        """Whether there is a value at all."""
+        """Whether there is a value."""
         return math.isfinite(self.value)
 
     def figures(self) -> dict[str, Any]:
-        """As JSON."""
+        """Returns the values as JSON values."""
         return {
             "name": self.name, "key": self.key, "value": self.value, "std": self.std, "unit": self.unit,
             "before": self.before, "frames": self.frames, "written": self.written, "doubt": self.doubt,
@@ -42,10 +50,14 @@ class Quantity:
 
 
 def combined(values: Sequence[float], stds: Sequence[float], prior_std: float = math.inf) -> tuple[float, float]:
-    """Weighted mean and its standard deviation.
+    """Returns the weighted mean and its standard deviation.
 
-    ``prior_std``: each value is a posterior that holds the same prior about 0 with this deviation; it counts once.
-    Values farther apart than they claim widen the result (Birge's ratio).
+    Values that differ by more than their standard deviations widen the result (Birge's ratio).
+
+    Args:
+        values: values of the sessions.
+        stds: their standard deviations.
+        prior_std: standard deviation of a prior about 0 that each value, as a posterior, contains; it is counted once.
 
     >>> combined([1.0, 3.0], [1.0, 1.0])
     (2.0, 1.0)

@@ -1,4 +1,4 @@
-"""A session as calibration needs it: line, tip and width in each frame, with force, knob and stage beside them."""
+"""A session for calibration: line, tip and width in each frame, with force, knob and stage."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -30,30 +30,47 @@ from ..types import (
 from ..vision import VisionSettings
 
 CREEP_S = 2.0
-"""Time constant of the shaft's creep: forces so long ago still bend it a little."""
-_AXIS_SHARE = 0.1
-"""Of the visible length, next to the tip, that gives the direction of its axis."""
-_RATE_S = 6e-3
-"""Half the time over which the force's rate is taken."""
-_STAGE_RATE_S = 10e-3
-"""The same of the stage's speed."""
-_CORRELATED_S = 0.02
-_MOST_FRAMES = 3000
-"""Of a longer recording every second, third ... frame is read."""
+"""Time constant of the shaft's creep: earlier forces still bend it a little."""
+AXIS_SHARE = 0.1
+"""Share of the visible length next to the tip that defines the direction of its axis."""
+FORCE_RATE_S = 6e-3
+"""Half the time over which the rate of the force is computed."""
+STAGE_RATE_S = 10e-3
+"""Half the time over which the speed of the stage is computed."""
+CORRELATION_S = 0.02
+MAX_FRAMES = 3000
+"""Largest number of frames that are read; in a longer recording only every second, third ... frame is read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationSession:
     """The frames (n) of one recording in which the catheter is detected.
 
-    ``lines``: as the rod is fitted to them, in m; ``scale_m_per_px``: stated. ``dome_m`` (n, 2): middle of the tip's
-    dome in the base frame; ``diameter_px`` (n,). ``force_n`` (n, 2): of the tissue on the tip in the stated base
-    frame, NaN where there is none; ``rate_n_per_s`` (n, 2): how fast it changes; ``past_n`` (n, 2): its mean over the
-    time of creep. ``knob_deg`` (n,), NaN without a knob; ``knob_series``: all its readings (stamps, degrees).
-    ``stage_m`` (n, axes): the stage's positions at the frames, ``stage_m_per_s`` their speeds; ``stage_to_base``
-    (2, axes): where its axes move the tissue, in the base frame as the sensor's stated pose has it, NaN where the
-    sensor does not show it, and ``stage_angle_std_rad``. ``mass_std_kg``: of the carried mass, for each axis of
-    ``inertia``. ``frames``: so many were read.
+    Attributes:
+        name: name of the session.
+        info: session metadata.
+        stamp_ns: (n,) stamps.
+        shapes: (n) detected shapes.
+        lines: (n) lines in m, for the fit of the rod.
+        scale_m_per_px: stated scale.
+        dome_m: (n, 2) middle of the tip's dome, base frame.
+        diameter_px: (n,) detected diameter.
+        force_n: (n, 2) force of the tissue on the tip in the stated base frame; NaN without a force.
+        rate_n_per_s: (n, 2) rate of the force.
+        past_n: (n, 2) mean of the preceding forces over the time constant of creep.
+        knob_deg: (n,) angle of the knob; NaN without a knob.
+        knob_series: stamps and angles in degrees of all readings of the knob.
+        stage_names: names of the stage's axes.
+        stage_m: (n, axes) positions of the stage.
+        stage_m_per_s: (n, axes) speeds of the stage.
+        stage_to_base: (2, axes) unit vectors in which the axes move the tissue, in the base frame by the sensor's
+            stated pose; NaN if the sensor does not show it.
+        stage_angle_std_rad: standard deviation of their angle.
+        clock_map: clock of the force log.
+        tare: tare of the forces.
+        inertia: inertia of the carried mass.
+        mass_std_kg: standard deviation of the carried mass for each axis of ``inertia``.
+        frames: number of frames that were read.
     """
 
     name: str
@@ -82,11 +99,11 @@ class CalibrationSession:
 
     @property
     def seconds(self) -> FloatArray:
-        """(n,) since the first frame."""
+        """(n,) time in s since the first frame."""
         return (self.stamp_ns - self.stamp_ns[0]) * 1e-9
 
     def subset(self, rows: IntArray) -> "CalibrationSession":
-        """Some of the frames."""
+        """Returns the frames at ``rows``."""
         kept = rows.tolist()
         return replace(
             self,
@@ -113,20 +130,20 @@ def read_session(
     vision: VisionSettings | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> CalibrationSession:
-    """Detects the catheter in the frames of a recording and reads what belongs to them.
+    """Detects the catheter in the frames of a recording, and reads force, knob and stage at them.
 
     Args:
         path: a recording (.mcap).
-        bench: metadata in place of the recording's own.
-        seconds: only so much of its beginning.
-        contact_free: nothing touches in any frame: every force is 0, and none is needed.
-        vision: how the catheter is detected.
+        bench: metadata that replace the recording's own.
+        seconds: length of the beginning that is read.
+        contact_free: whether nothing touches the tip in any frame: every force is 0, and none is needed.
+        vision: settings of the detection.
         progress: called with the share of frames that are read.
 
     Raises:
-        FileFormatError: there is no such recording.
-        InputError: it has no images, no scale is stated, the clamp is advanced in it, or the catheter is detected in
-            none of its frames.
+        FileFormatError: the recording does not exist.
+        InputError: the recording has no images, no scale is stated, the clamp is advanced in it, or the catheter is
+            detected in none of its frames.
     """
     settings = vision or VisionSettings()
     with RecordingReader(path) as reader:
@@ -148,7 +165,7 @@ def read_session(
             )
         stamps = reader.stamps(view)
         wanted = int(np.searchsorted(stamps, stamps[0] + min(seconds, 1e6) * 1e9, side="right"))
-        stride = -(-wanted // _MOST_FRAMES)
+        stride = -(-wanted // MAX_FRAMES)
         detection = Detection(settings, info, spread_images(reader, view))
         rows: list[int] = []
         shapes: list[DetectedShape] = []
@@ -185,28 +202,28 @@ def _with_streams(
     *,
     contact_free: bool,
 ) -> CalibrationSession:
-    """The session of the frames ``rows`` of ``view``, of ``wanted`` that were read."""
+    """Returns the session of the frames ``rows`` of ``view``, of ``wanted`` that were read."""
     facts, every = reader.info, reader.stamps(view)[:wanted]
     force = rate = np.zeros((wanted, 2))
     if not contact_free:
         force = _forces(reader, info, view)[:wanted]
-        rate = _forces(reader, info, view, _RATE_S) - _forces(reader, info, view, -_RATE_S)
-        rate = np.nan_to_num(rate[:wanted] / (2.0 * _RATE_S))
+        rate = _forces(reader, info, view, FORCE_RATE_S) - _forces(reader, info, view, -FORCE_RATE_S)
+        rate = np.nan_to_num(rate[:wanted] / (2.0 * FORCE_RATE_S))
     past = _past(every, force)
     stage = reader.stage_readings()
     names = tuple(stage[0][1]) if stage else ()
-    places, speeds = np.full((2, wanted, len(names)), math.nan)
+    positions, speeds = np.full((2, wanted, len(names)), math.nan)
     if names:
-        # the stage reaches what it is commanded as much later as its movement shows late in the force
+        # the stage reaches its commanded position later by the same time by which its movement is late in the force
         at = np.array([facts.inertia.reference_ns])
         late_ns = int((facts.clock_map.camera_ns(at) - facts.inertia.stage_ns(at))[0]) if facts.inertia.axes else 0
         when = np.array([stamp for stamp, _ in stage], np.int64) + late_ns
         for k, name in enumerate(names):
             unit = 1e-3 if name.endswith("_mm") else 1.0
-            course = unit * np.array([values[name] for _, values in stage])
-            places[:, k] = np.interp(every, when, course)
-            ends = [np.interp(every + way * round(_STAGE_RATE_S * 1e9), when, course) for way in (-1, 1)]
-            speeds[:, k] = (ends[1] - ends[0]) / (2.0 * _STAGE_RATE_S)
+            axis_m = unit * np.array([values[name] for _, values in stage])
+            positions[:, k] = np.interp(every, when, axis_m)
+            ends = [np.interp(every + sign * round(STAGE_RATE_S * 1e9), when, axis_m) for sign in (-1, 1)]
+            speeds[:, k] = (ends[1] - ends[0]) / (2.0 * STAGE_RATE_S)
     knob = reader.actuation_at(every).get(KNOB, np.full(wanted, math.nan))
     if KNOB in info.actuation.constant:
         knob = np.full(wanted, info.actuation.constant[KNOB])
@@ -227,7 +244,7 @@ def _with_streams(
         knob_deg=knob[rows],
         knob_series=(every, knob),
         stage_names=names,
-        stage_m=places[rows],
+        stage_m=positions[rows],
         stage_m_per_s=speeds[rows],
         stage_to_base=directions,
         stage_angle_std_rad=angle_std,
@@ -240,7 +257,7 @@ def _with_streams(
 
 
 def _forces(reader: RecordingReader, info: SessionInfo, view: str, later_s: float = 0.0) -> FloatArray:
-    """(frames, 2): in the base frame of ``info``; NaN where there is none."""
+    """Returns the (frames, 2) forces in the base frame of ``info``; NaN without a force."""
     stream = next((each.name for each in reader.info.streams.values() if each.kind == "wrench"), None)
     if stream is None:
         return np.full((len(reader.stamps(view)), 2), math.nan)
@@ -252,15 +269,17 @@ def _forces(reader: RecordingReader, info: SessionInfo, view: str, later_s: floa
 
 
 def _past(stamp_ns: IntArray, force: FloatArray) -> FloatArray:
-    """(n, 2): mean of the forces before each stamp, the recent ones weighing more; gaps are bridged by straight lines.
+    """Returns the (n, 2) mean of the forces before each stamp, with a weight that decays; gaps are interpolated.
 
-    There is no estimate before the first frame with a force.
+    It is 0 before the first frame with a force.
     """
     past = np.zeros_like(force)
-    there = np.isfinite(force).all(axis=1)
-    if not there.any():
+    is_known = np.isfinite(force).all(axis=1)
+    if not is_known.any():
         return past
-    known = np.stack([np.interp(stamp_ns, stamp_ns[there], column[there], left=0.0) for column in force.T], axis=1)
+    known = np.stack(
+        [np.interp(stamp_ns, stamp_ns[is_known], column[is_known], left=0.0) for column in force.T], axis=1
+    )
     keep = np.exp(-np.diff(stamp_ns) * 1e-9 / CREEP_S)
     for k in range(1, len(force)):
         past[k] = keep[k - 1] * past[k - 1] + (1.0 - keep[k - 1]) * 0.5 * (known[k - 1] + known[k])
@@ -268,7 +287,7 @@ def _past(stamp_ns: IntArray, force: FloatArray) -> FloatArray:
 
 
 def _domes(shapes: Sequence[DetectedShape], scale: float, info: SessionInfo) -> FloatArray:
-    """(n, 2) m: the middle of the tip's dome, in the base frame of the whole session."""
+    """Returns the (n, 2) middle of the tip's dome in m, in the base frame of the whole session."""
     bases = [shape.base for shape in shapes if shape.base is not None]
     turn = complex(np.mean([np.exp(1j * base.angle_rad) for base in bases]))
     base = BasePose(np.median([each.origin_px for each in bases], axis=0), float(np.angle(turn)))
@@ -278,7 +297,7 @@ def _domes(shapes: Sequence[DetectedShape], scale: float, info: SessionInfo) -> 
         assert shape.centreline is not None
         points = base.to_base(shape.centreline.points) * scale
         arc = arc_length(points)
-        axis = points[-1] - points[int(np.searchsorted(arc, (1.0 - _AXIS_SHARE) * arc[-1]))]
+        axis = points[-1] - points[int(np.searchsorted(arc, (1.0 - AXIS_SHARE) * arc[-1]))]
         rows.append(points[-1] - radius * axis / np.linalg.norm(axis))
     return np.array(rows)
 
@@ -286,10 +305,10 @@ def _domes(shapes: Sequence[DetectedShape], scale: float, info: SessionInfo) -> 
 def _directions(
     inertia: Inertia, info: SessionInfo, names: tuple[str, ...], mass_std_kg: FloatArray
 ) -> tuple[FloatArray, float]:
-    """(2, axes): unit vectors in the base frame, and the standard deviation of their angle.
+    """Returns (2, axes) unit vectors in the base frame, and the standard deviation of their angle.
 
-    A sensor under the tissue shows its mass times minus the acceleration. Axes that stand across one another share what
-    both tell of their angle.
+    A sensor under the tissue reads the tissue's mass times minus the acceleration. The angles of perpendicular axes are
+    averaged.
     """
     found, spread = np.full((2, len(names)), math.nan), math.inf
     angle = math.radians(info.sensor.angle_deg or 0.0)
@@ -303,10 +322,10 @@ def _directions(
             spread = min(spread, stds[axis])
     if {STAGE_FORWARD, STAGE_ACROSS} <= set(stds):
         forward, across = names.index(STAGE_FORWARD), names.index(STAGE_ACROSS)
-        # seen along the tissue's way forward, across is its right: forward is named by where the tip is pressed to
-        other = np.array([-found[1, across], found[0, across]])
+        # across is to the right of forward, and forward is the direction in which the tip is pressed
+        from_across = np.array([-found[1, across], found[0, across]])
         weights = np.array([stds[STAGE_FORWARD] ** -2, stds[STAGE_ACROSS] ** -2])
-        both = weights[0] * found[:, forward] + weights[1] * other
+        both = weights[0] * found[:, forward] + weights[1] * from_across
         found[:, forward] = both / np.linalg.norm(both)
         found[:, across] = found[1, forward], -found[0, forward]
         spread = float(weights.sum() ** -0.5)
@@ -314,7 +333,7 @@ def _directions(
 
 
 def _mass_std(reader: RecordingReader) -> FloatArray:
-    """(axes,) standard deviation of the carried mass, kg: from the scatter of readings in the contact-free stretch."""
+    """Returns the (axes,) standard deviations of the carried mass in kg, from the readings without contact."""
     facts = reader.info
     stamps, force, _ = reader.wrenches(next(s.name for s in facts.streams.values() if s.kind == "wrench"))
     force = facts.plausibility.corrected(stamps, force)
@@ -327,7 +346,7 @@ def _mass_std(reader: RecordingReader) -> FloatArray:
     moved = stage.acceleration(facts.inertia.stage_ns(stamps[free]), facts.inertia.axes)
     corrections = ForceCorrections(facts.sensor, facts.tare, facts.inertia, stage)
     left = force[free] - facts.tare.force_n - corrections.carried(stamps[free])
-    # what is left is not independent within some hundredths of a second
-    spread = float(np.nanvar(left)) * _CORRELATED_S * len(left) / max(float(np.ptp(seconds[free])), 1e-9)
+    # the residual is correlated within some hundredths of a second
+    spread = float(np.nanvar(left)) * CORRELATION_S * len(left) / max(float(np.ptp(seconds[free])), 1e-9)
     information = moved.T @ moved + 1e-12 * np.eye(moved.shape[1])
     return np.sqrt(spread * np.diag(np.linalg.inv(information)))

@@ -52,7 +52,7 @@ def _one_knob(axes: Axes, knob: KnobFit, *, first: bool) -> None:
         rows = knob.turning == way
         if rows.any():
             axes.plot(
-                knob.told_deg[rows], knob.measured_per_m[rows], ".", ms=4, alpha=0.6, color=colour,
+                knob.knob_deg[rows], knob.measured_per_m[rows], ".", ms=4, alpha=0.6, color=colour,
                 label=name if first else None,
             )  # fmt: skip
     if np.isfinite(knob.gain_per_m_deg):
