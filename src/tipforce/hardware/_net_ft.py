@@ -39,7 +39,7 @@ _TORQUE_UNITS = {
     "inlbf": _POUND_N * _INCH_M, "ftlbf": _POUND_N * _FOOT_M, "lbin": _POUND_N * _INCH_M, "lbft": _POUND_N * _FOOT_M,
 }  # fmt: skip
 _HTTP_S = 2.0
-MAX_SILENCE_S, MAX_LOST_S = 0.25, 1.0
+REQUEST_AGAIN_S, MAX_SILENCE_S = 0.25, 1.0
 """Silence after which the stream is requested again, and after which the box counts as lost."""
 _BUFFER_BYTES = 4 << 20
 """Size for a busy host: some 5000 packets, which take 768 bytes each in Linux; the system may grant less."""
@@ -285,10 +285,12 @@ class NetFt(Driver):
         return Wrench(stamp, values[:3], values[3:], "sensor")
 
     def _silent(self, now_ns: int) -> None:
-        if now_ns - self._heard_ns > MAX_LOST_S * 1e9:
+        if now_ns - self._heard_ns > MAX_SILENCE_S * 1e9:
             self.counts["silences"] += 1
-            raise DeviceError(f"{self._where}: has sent no packet for {MAX_LOST_S:g} s; check its cable and its power")
-        if now_ns - max(self._asked_ns, self._heard_ns) > MAX_SILENCE_S * 1e9:
+            raise DeviceError(
+                f"{self._where}: has sent no packet for {MAX_SILENCE_S:g} s; check its cable and its power"
+            )
+        if now_ns - max(self._asked_ns, self._heard_ns) > REQUEST_AGAIN_S * 1e9:
             self._asked_ns = now_ns
             self._send(STREAM)
             self._check.restart()
