@@ -177,7 +177,7 @@ UNSURE = ClockMap(40_000_000, "refused", stderr_ms=8.0, detail="too little motio
         (ClockMap(40_000_000, "estimated", 2.0, rate_stderr=1e-5), "estimated", False, "estimated", ""),
         (ClockMap(40_000_000, "estimated", 2.0, rate_stderr=1e-5), "none", False, "estimated", ""),
         (ClockMap(265_000_000, "estimated", 1.5, rate_stderr=1e-5), "estimated", False, "estimated", "+265.0 ms"),
-        (ClockMap(265_000_000, "estimated", 1.5, rate_stderr=1e-5), "estimated", True, "stage", "+265.0 ms"),
+        (ClockMap(265_000_000, "estimated", 1.5, rate_stderr=1e-5), "estimated", True, "estimated", "+265.0 ms"),
         (
             ClockMap(40_000_000, "estimated", 1.5, rate=0.8, rate_stderr=1e-5),
             "estimated",

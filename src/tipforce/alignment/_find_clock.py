@@ -120,16 +120,10 @@ def find_clock(
     if found.how == "estimated" and inertia.axes and inertia.rate == rate:
         stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
         if _contradict(found, stage, stamps):
-            both = (
-                f"the deflection gives a clock map of {_text(found, stamps)}, the stage's movement in the force "
-                f"{_text(stage, stamps)}"
-            )
-            if stage_shares and found.rate == rate:
-                remarks.append(f"{both}: the stage is used, for it runs on the camera's clock")
-                return replace(stage, explained=found.explained, detail=both), inertia
             remarks.append(
-                f"{both}: the stage's log does not run on the camera's clock, or the images are late; the "
-                "deflection is used"
+                f"the deflection gives a clock map of {_text(found, stamps)}, the stage's movement in the force "
+                f"{_text(stage, stamps)}: the stage's log does not run on the camera's clock, or the images are late; "
+                "the deflection is used"
             )
     return found, inertia
 
