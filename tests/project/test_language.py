@@ -41,8 +41,6 @@ REMAINING: dict[str, int] = {
     "alignment": 76,
     "control": 55,
     "estimators": 219,
-    "geometry": 2,
-    "limits": 12,
     "mechanics": 78,
     "simulation": 118,
 }

@@ -1,4 +1,4 @@
-"""Curves by arc length and their numbers; rigid motions, cameras, and points in space from several views."""
+"""Curves by arc length and their coefficients; rigid motions, cameras, and points in space from several views."""
 
 from ._camera import CameraModel
 from ._curves import angle_matrix, arc_length, curve_from_angle, fit_polynomial, turning_angles

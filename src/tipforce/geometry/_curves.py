@@ -1,4 +1,4 @@
-"""Two sets of numbers for a planar curve: the polynomial y(x), and the tangent angle over arc length."""
+"""Two descriptions of a planar curve: the polynomial y(x), and the tangent angle over arc length."""
 
 from functools import lru_cache
 from typing import Any
@@ -13,11 +13,22 @@ from ..types import FloatArray
 
 @njit(cache=True, nogil=True)
 def fit_polynomial(x: FloatArray, y: FloatArray, degree: int, constant: bool = True) -> FloatArray:
-    """Least-squares polynomial y(x), thesis eq. (2): coefficients (degree + 1,), highest power first.
+    """Fits a polynomial y(x) by least squares, thesis eq. (2).
 
-    ``x``, ``y`` (n,). Without ``constant`` the curve is held at y(0) = 0 and the last coefficient is exactly zero.
-    Built from polynomials that are orthogonal on the given points (Forsythe 1957), so that no system of equations is
-    solved. Raises ValueError where there are fewer than ``degree + 1`` different x, or not as many y.
+    The fit uses polynomials that are orthogonal on the given points (Forsythe 1957), so no system of equations is
+    solved.
+
+    Args:
+        x: (n,) abscissae.
+        y: (n,) ordinates.
+        degree: degree of the polynomial.
+        constant: whether there is a constant term; without it y(0) = 0, and the last coefficient is exactly zero.
+
+    Returns:
+        (degree + 1,) coefficients, highest power first.
+
+    Raises:
+        ValueError: there are fewer than ``degree + 1`` different x, or the lengths of x and y differ.
 
     >>> x = np.array([0.0, 1.0, 2.0, 3.0])
     >>> np.round(fit_polynomial(x, 2 * x**2 - x + 5, 2), 12)
@@ -33,41 +44,41 @@ def fit_polynomial(x: FloatArray, y: FloatArray, degree: int, constant: bool = T
     if n < degree + 1 or not half > 0.0:
         raise ValueError("too few different x for a polynomial of this degree")
     t = np.empty(n)
-    left = np.empty(n)
-    before, now = np.zeros(n), np.ones(n)
-    q_before, q_now, total = np.zeros(degree + 1), np.zeros(degree + 1), np.zeros(degree + 1)
-    q_now[0] = 1.0
+    residual = np.empty(n)
+    previous, current = np.zeros(n), np.ones(n)
+    q_previous, q_current, total = np.zeros(degree + 1), np.zeros(degree + 1), np.zeros(degree + 1)
+    q_current[0] = 1.0
     for i in range(n):
         t[i] = (x[i] - middle) / half
-        left[i] = y[i]
+        residual[i] = y[i]
     if not constant:
-        # Starting from p = x instead of p = 1 keeps every later polynomial a multiple of x.
-        q_now[0] = middle / half
-        q_now[1] = 1.0
+        # If the first polynomial is p = x instead of p = 1, every later one is a multiple of x.
+        q_current[0] = middle / half
+        q_current[1] = 1.0
         for i in range(n):
-            now[i] = x[i] / half
-    norm_before = 0.0
+            current[i] = x[i] / half
+    norm_previous = 0.0
     for _ in range(0 if constant else 1, degree + 1):
         norm, along, weighted = 0.0, 0.0, 0.0
         for i in range(n):
-            square = now[i] * now[i]
+            square = current[i] * current[i]
             norm += square
             weighted += t[i] * square
-            along += left[i] * now[i]
+            along += residual[i] * current[i]
         if norm < 1e-18 * n:
             raise ValueError("too few different x for a polynomial of this degree")
         share, a = along / norm, weighted / norm
-        b = norm / norm_before if norm_before > 0.0 else 0.0
-        norm_before = norm
+        b = norm / norm_previous if norm_previous > 0.0 else 0.0
+        norm_previous = norm
         for j in range(degree, -1, -1):
-            total[j] += share * q_now[j]
-            raised = q_now[j - 1] if j > 0 else 0.0
-            q_before[j] = raised - a * q_now[j] - b * q_before[j]
-        q_before, q_now = q_now, q_before
+            total[j] += share * q_current[j]
+            raised = q_current[j - 1] if j > 0 else 0.0
+            q_previous[j] = raised - a * q_current[j] - b * q_previous[j]
+        q_previous, q_current = q_current, q_previous
         for i in range(n):
-            left[i] -= share * now[i]
-            before[i] = (t[i] - a) * now[i] - b * before[i]
-        before, now = now, before
+            residual[i] -= share * current[i]
+            previous[i] = (t[i] - a) * current[i] - b * previous[i]
+        previous, current = current, previous
     # From powers of t = (x - middle) / half to powers of x: scale, then shift by repeated synthetic division.
     scale = 1.0
     for j in range(degree + 1):
@@ -82,7 +93,7 @@ def fit_polynomial(x: FloatArray, y: FloatArray, degree: int, constant: bool = T
 
 
 def arc_length(points: npt.NDArray[np.floating[Any]]) -> FloatArray:
-    """(n,): the way along the straight pieces from the first of ``points`` (n, d) to each, in their unit.
+    """Returns the (n,) arc lengths from the first of ``points`` (n, d) to each, along straight pieces, in their unit.
 
     >>> arc_length(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 6.0]])).tolist()
     [0.0, 5.0, 7.0]
@@ -92,9 +103,20 @@ def arc_length(points: npt.NDArray[np.floating[Any]]) -> FloatArray:
 
 @njit(cache=True, nogil=True)
 def turning_angles(points: FloatArray, cos: float, sin: float) -> FloatArray:
-    """Angle of each of the n - 1 chords of ``points`` (n, 2) against the axis (``cos``, ``sin``), in rad.
+    """Returns the angles of the chords of a curve against an axis.
 
-    Summed up from chord to chord, so that it runs on past 180 degrees. Raises ValueError for points of another shape.
+    The angles are summed from chord to chord, so they continue beyond 180 degrees.
+
+    Args:
+        points: (n, 2) points of the curve.
+        cos: cosine of the axis' angle.
+        sin: sine of the axis' angle.
+
+    Returns:
+        (n - 1,) angles in rad.
+
+    Raises:
+        ValueError: ``points`` has another shape.
     """
     n = points.shape[0]
     if n < 1 or points.shape[1] != 2:
@@ -111,10 +133,20 @@ def turning_angles(points: FloatArray, cos: float, sin: float) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def angle_matrix(points: int, degree: int) -> FloatArray:
-    """(degree + 1, points - 1): chord angles of a curve, uniform in arc length, -> its Legendre coefficients.
+    """Returns the matrix from the chord angles of a curve to its Legendre coefficients.
 
-    A chord's direction is the mean of the tangent angle along it up to third order, so the unknown series is compared
-    by its means over the chords. Raises ValueError where ``points`` are too few.
+    The curve is uniform in arc length. A chord's direction is the mean of the tangent angle along it up to third order,
+    so the matrix fits the means of the series over the chords.
+
+    Args:
+        points: number of points of the curve.
+        degree: degree of the series.
+
+    Returns:
+        (degree + 1, points - 1) matrix.
+
+    Raises:
+        ValueError: there are fewer than ``degree + 2`` points.
     """
     if points < degree + 2:
         raise ValueError(f"angle series of degree {degree}: expected at least {degree + 2} points, got {points}")
@@ -129,9 +161,15 @@ def angle_matrix(points: int, degree: int) -> FloatArray:
 
 
 def curve_from_angle(coefficients: FloatArray, length: float, points: int = 64) -> FloatArray:
-    """(points, 2): the curve from the origin with these coefficients of its tangent angle, see `angle_matrix`.
+    """Returns the curve from the origin whose tangent angle has these coefficients, see `angle_matrix`.
 
-    ``length`` is its arc length; the points are uniform in it.
+    Args:
+        coefficients: (k,) Legendre coefficients of the tangent angle in rad.
+        length: arc length of the curve.
+        points: number of points; they are uniform in arc length.
+
+    Returns:
+        (points, 2) points, in the unit of ``length``.
     """
     nodes, weights = legendre.leggauss(4)
     edges = np.linspace(-1.0, 1.0, points)

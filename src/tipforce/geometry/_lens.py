@@ -1,7 +1,7 @@
-"""Hot loops of cameras: projection with its derivative, the way back through the lens, triangulation.
+"""Hot loops of cameras: projection with its derivatives, its inverse through the lens, triangulation.
 
-A camera is one row of numbers (21,): fx, fy, cx, cy, k1, k2, p1, p2, k3, then the rotation row by row and the
-translation that take a world point into the camera's frame (x right, y down, z ahead).
+A camera is a row of numbers (21,): fx, fy, cx, cy, k1, k2, p1, p2, k3, then the rotation row by row and the
+translation that convert a world point to the camera's frame (x right, y down, z ahead).
 """
 
 import math
@@ -12,13 +12,13 @@ from numba import njit
 from ..types import FloatArray
 
 _MAX_ITERATIONS = 50
-_TOO_FLAT = 1e-12
-"""Determinant of the normal equations over the product of their diagonal, below which rays count as parallel."""
+MIN_DETERMINANT_RATIO = 1e-12
+"""Rays are parallel if the determinant of the normal equations, over the product of their diagonal, is below this."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lens(camera: FloatArray, x: float, y: float) -> tuple[float, float, float, float, float, bool]:
-    """Brown-Conrady: normalised x, y -> distorted x, y; dx/dx, dx/dy = dy/dx, dy/dy; whether it is one to one here."""
+    """Brown-Conrady: normalised x, y -> distorted x, y; dx/dx, dx/dy = dy/dx, dy/dy; whether it is one to one there."""
     k1, k2, p1, p2, k3 = camera[4], camera[5], camera[6], camera[7], camera[8]
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -33,7 +33,7 @@ def _lens(camera: FloatArray, x: float, y: float) -> tuple[float, float, float, 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _project_one(camera: FloatArray, px: float, py: float, pz: float, slopes: FloatArray) -> tuple[float, float]:
-    """One world point -> u, v; ``slopes`` (2, 3) receives their derivatives. NaN where it cannot be seen."""
+    """Projects a world point to u, v; ``slopes`` (2, 3) receives the derivatives. NaN where it is not visible."""
     x = camera[9] * px + camera[10] * py + camera[11] * pz + camera[18]
     y = camera[12] * px + camera[13] * py + camera[14] * pz + camera[19]
     z = camera[15] * px + camera[16] * py + camera[17] * pz + camera[20]
@@ -52,7 +52,7 @@ def _project_one(camera: FloatArray, px: float, py: float, pz: float, slopes: Fl
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _straighten_one(camera: FloatArray, u: float, v: float) -> tuple[float, float]:
-    """A seen pixel -> normalised x, y of its ray, by Newton's method; NaN where the lens has no such ray."""
+    """Returns normalised x, y of the ray of an observed pixel, by Newton's method; NaN if there is no such ray."""
     xd, yd = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
     x, y = xd, yd
     at_x, at_y, dxx, dxy, dyy, fine = _lens(camera, x, y)
@@ -66,7 +66,7 @@ def _straighten_one(camera: FloatArray, u: float, v: float) -> tuple[float, floa
         if abs(sx) + abs(sy) < 1e-13 * (1.0 + abs(x) + abs(y)):
             return x + sx, y + sy
         share, nearer = 1.0, False
-        while share > 1e-6 and not nearer:  # and stay there, nearer to the pixel with each step
+        while share > 1e-6 and not nearer:  # each step stays there and comes nearer to the pixel
             at_x, at_y, dxx, dxy, dyy, fine = _lens(camera, x + share * sx, y + share * sy)
             nearer = fine and (xd - at_x) ** 2 + (yd - at_y) ** 2 < ex * ex + ey * ey
             share *= 0.5
@@ -78,7 +78,7 @@ def _straighten_one(camera: FloatArray, u: float, v: float) -> tuple[float, floa
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def project(camera: FloatArray, points: FloatArray, pixels: FloatArray, slopes: FloatArray) -> None:
-    """``points`` (n, 3) -> ``pixels`` (n, 2) and ``slopes`` (n, 2, 3), or (1, 2, 3) where they are not wanted."""
+    """Projects ``points`` (n, 3) to ``pixels`` (n, 2), with ``slopes`` (n, 2, 3); (1, 2, 3) if they are not needed."""
     wanted = slopes.shape[0] == points.shape[0]
     for i in range(points.shape[0]):
         row = slopes[i if wanted else 0]
@@ -87,14 +87,14 @@ def project(camera: FloatArray, points: FloatArray, pixels: FloatArray, slopes: 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def straighten(camera: FloatArray, pixels: FloatArray, normalised: FloatArray) -> None:
-    """Seen ``pixels`` (n, 2) -> ``normalised`` (n, 2): x / z and y / z of their rays in the camera's frame."""
+    """Converts observed ``pixels`` (n, 2) to ``normalised`` (n, 2): x / z and y / z of their rays, camera's frame."""
     for i in range(pixels.shape[0]):
         normalised[i, 0], normalised[i, 1] = _straighten_one(camera, pixels[i, 0], pixels[i, 1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_row(normal: FloatArray, right: FloatArray, row: FloatArray, value: float, weight: float) -> None:
-    """One weighted equation ``row`` . x = ``value`` into the normal equations."""
+    """Adds a weighted equation ``row`` . x = ``value`` to the normal equations."""
     for j in range(3):
         right[j] += weight * row[j] * value
         for k in range(3):
@@ -103,14 +103,14 @@ def _add_row(normal: FloatArray, right: FloatArray, row: FloatArray, value: floa
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _invert(a: FloatArray, inverse: FloatArray) -> bool:
-    """Inverse of a symmetric (3, 3) matrix; False where it is as good as singular."""
+    """Inverts a symmetric (3, 3) matrix; returns False if it is nearly singular."""
     for j in range(3):
         p, q = (j + 1) % 3, (j + 2) % 3
         for k in range(3):
             r, s = (k + 1) % 3, (k + 2) % 3
             inverse[j, k] = a[p, r] * a[q, s] - a[p, s] * a[q, r]
     determinant = a[0, 0] * inverse[0, 0] + a[0, 1] * inverse[0, 1] + a[0, 2] * inverse[0, 2]
-    if not determinant > _TOO_FLAT * a[0, 0] * a[1, 1] * a[2, 2]:
+    if not determinant > MIN_DETERMINANT_RATIO * a[0, 0] * a[1, 1] * a[2, 2]:
         return False
     inverse /= determinant
     return True
@@ -118,23 +118,23 @@ def _invert(a: FloatArray, inverse: FloatArray) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _linear(cameras: FloatArray, pixels: FloatArray, work: FloatArray, point: FloatArray) -> bool:
-    """The point nearest to the rays of ``pixels`` (views, 2) in the algebraic sense; False: fewer than two rays."""
+    """Finds the point with the least algebraic distance to the rays of ``pixels`` (views, 2); False: under two rays."""
     normal, inverse, right, row = work[0:3], work[3:6], work[6], work[7]
     normal[:] = 0.0
     right[:] = 0.0
-    seen = 0
+    rays = 0
     for v in range(cameras.shape[0]):
         x, y = _straighten_one(cameras[v], pixels[v, 0], pixels[v, 1])
         if math.isnan(x) or math.isnan(y):
             continue
-        seen += 1
+        rays += 1
         for j in range(3):
             row[j] = cameras[v, 9 + j] - x * cameras[v, 15 + j]
         _add_row(normal, right, row, x * cameras[v, 20] - cameras[v, 18], 1.0)
         for j in range(3):
             row[j] = cameras[v, 12 + j] - y * cameras[v, 15 + j]
         _add_row(normal, right, row, y * cameras[v, 20] - cameras[v, 19], 1.0)
-    if seen < 2 or not _invert(normal, inverse):
+    if rays < 2 or not _invert(normal, inverse):
         return False
     for j in range(3):
         point[j] = inverse[j, 0] * right[0] + inverse[j, 1] * right[1] + inverse[j, 2] * right[2]
@@ -143,20 +143,25 @@ def _linear(cameras: FloatArray, pixels: FloatArray, work: FloatArray, point: Fl
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _refine(
-    cameras: FloatArray, pixels: FloatArray, sigma: FloatArray, work: FloatArray, point: FloatArray, miss: FloatArray
+    cameras: FloatArray,
+    pixels: FloatArray,
+    sigma: FloatArray,
+    work: FloatArray,
+    point: FloatArray,
+    residual: FloatArray,
 ) -> bool:
-    """Gauss-Newton in the images; leaves the covariance in work[3:6] and seen - projected in ``miss``."""
+    """Gauss-Newton in the images; leaves the covariance in work[3:6] and observed - projected in ``residual``."""
     normal, inverse, right, slopes = work[0:3], work[3:6], work[6], work[7:9]
     for _ in range(_MAX_ITERATIONS):
         normal[:] = 0.0
         right[:] = 0.0
         for v in range(cameras.shape[0]):
             at_u, at_v = _project_one(cameras[v], point[0], point[1], point[2], slopes)
-            miss[v, 0], miss[v, 1] = pixels[v, 0] - at_u, pixels[v, 1] - at_v
-            if math.isnan(miss[v, 0]) or math.isnan(miss[v, 1]):
+            residual[v, 0], residual[v, 1] = pixels[v, 0] - at_u, pixels[v, 1] - at_v
+            if math.isnan(residual[v, 0]) or math.isnan(residual[v, 1]):
                 continue
             for axis in range(2):
-                _add_row(normal, right, slopes[axis], miss[v, axis], sigma[v] ** -2)
+                _add_row(normal, right, slopes[axis], residual[v, axis], sigma[v] ** -2)
         if not _invert(normal, inverse):
             return False
         square = 0.0  # of the step, in standard deviations
@@ -178,7 +183,16 @@ def triangulate(
     covariance: FloatArray,
     residual: FloatArray,
 ) -> None:
-    """``cameras`` (views, 21), ``pixels`` (n, views, 2), ``sigma`` (views,) -> n points with what belongs to them."""
+    """Triangulates points; one that cannot be found is NaN.
+
+    Args:
+        cameras: (views, 21) cameras.
+        pixels: (n, views, 2) observed pixels, NaN where a view does not show the point.
+        sigma: (views,) standard deviation of a pixel.
+        points: (n, 3) result.
+        covariance: (n, 3, 3) result.
+        residual: (n, views, 2) result: observed - projected.
+    """
     work = np.empty((9, 3))
     for i in range(points.shape[0]):
         found = _linear(cameras, pixels[i], work, points[i])

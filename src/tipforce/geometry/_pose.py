@@ -11,13 +11,14 @@ from ..types import FloatArray, frozen
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """Rotation, then translation: p -> ``rotation`` (3, 3) p + ``translation_m`` (3,).
+    """A rotation, then a translation: p -> ``rotation`` (3, 3) p + ``translation_m`` (3,).
 
-    Read as a place, it is the pose of frame A in frame B: it takes coordinates in A to coordinates in B, its columns
-    are A's axes and its translation is A's origin, both seen from B. ``b_from_a`` is a good name for one, since then
-    ``c_from_b @ b_from_a`` is ``c_from_a``.
+    The pose of frame A in frame B converts coordinates in A to coordinates in B; its columns are A's axes and its
+    translation is A's origin, both in B. ``b_from_a`` is a good name for it, because ``c_from_b @ b_from_a`` is
+    ``c_from_a``.
 
-    Raises ValueError where ``rotation`` is no rotation.
+    Raises:
+        ValueError: ``rotation`` is not a rotation, or a number is not finite.
 
     >>> quarter = Pose.from_euler([0.0, 0.0, math.pi / 2], [0.1, 0.0, 0.0])
     >>> np.round(quarter.apply([[0.02, 0.0, 0.0]]), 6)
@@ -40,20 +41,29 @@ class Pose:
 
     @classmethod
     def identity(cls) -> "Pose":
-        """The motion that leaves everything where it is."""
+        """Returns the motion that changes nothing."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def from_axis_angle(cls, axis_angle_rad: ArrayLike, translation_m: ArrayLike) -> "Pose":
-        """Turn about the direction of ``axis_angle_rad`` (3,) by its length (Rodrigues), then translate."""
+        """Returns a turn about an axis by an angle (Rodrigues), then a translation.
+
+        Args:
+            axis_angle_rad: (3,) unit vector of the axis times the angle.
+            translation_m: (3,) translation.
+        """
         vector = frozen("axis_angle_rad", axis_angle_rad, (3,))
         return cls(_rodrigues(vector), frozen("translation_m", translation_m, (3,)))
 
     @classmethod
     def from_euler(cls, euler_rad: ArrayLike, translation_m: ArrayLike) -> "Pose":
-        """R = Rz(yaw) Ry(pitch) Rx(roll) from ``euler_rad`` (3,) = roll, pitch, yaw, then translate.
+        """Returns R = Rz(yaw) Ry(pitch) Rx(roll), then a translation.
 
-        The turns are about the fixed axes x, then y, then z; or, read from the left, about the moving axes z, y', x''.
+        The turns are about the fixed axes x, then y, then z; equivalently about the moving axes z, then y', then x''.
+
+        Args:
+            euler_rad: (3,) roll, pitch, yaw.
+            translation_m: (3,) translation.
         """
         about_x, about_y, about_z = np.diag(frozen("euler_rad", euler_rad, (3,)))
         rotation = _rodrigues(about_z) @ _rodrigues(about_y) @ _rodrigues(about_x)
@@ -61,8 +71,8 @@ class Pose:
 
     @property
     def axis_angle_rad(self) -> FloatArray:
-        """(3,): axis times angle in [0, pi]: the inverse of `from_axis_angle`. At pi either sign is right."""
-        # By the quaternion, whose largest component is divided by, so that nothing is lost near 0 or pi.
+        """(3,) axis times angle in [0, pi], the inverse of `from_axis_angle`; at pi both signs are right."""
+        # The quaternion is divided by its largest component, so the result is exact near 0 and pi.
         r = self.rotation
         trace = float(np.trace(r))
         squares = np.array([trace, r[0, 0], r[1, 1], r[2, 2]])
@@ -79,19 +89,19 @@ class Pose:
         return quaternion[1:] * (2 * half / sine if sine > 0 else 2.0)
 
     def apply(self, points_m: ArrayLike) -> FloatArray:
-        """(..., 3) points -> (..., 3)."""
+        """Returns (..., 3) points after the motion."""
         return np.asarray(points_m, np.float64) @ self.rotation.T + self.translation_m
 
     def rotate(self, directions: ArrayLike) -> FloatArray:
-        """(..., 3) directions, forces or moments -> (..., 3): the translation does not touch them."""
+        """Returns (..., 3) directions, forces or moments after the rotation; they are not translated."""
         return np.asarray(directions, np.float64) @ self.rotation.T
 
     def inverse(self) -> "Pose":
-        """The motion back."""
+        """Returns the inverse motion."""
         return Pose(self.rotation.T, -self.rotation.T @ self.translation_m)
 
     def __matmul__(self, other: "Pose") -> "Pose":
-        """``(a @ b).apply(p) == a.apply(b.apply(p))``."""
+        """Returns the motion ``other``, then this one: ``(a @ b).apply(p) == a.apply(b.apply(p))``."""
         return Pose(self.rotation @ other.rotation, self.apply(other.translation_m))
 
 
@@ -99,6 +109,6 @@ def _rodrigues(vector: FloatArray) -> FloatArray:
     x, y, z = vector
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     angle = math.sqrt(x * x + y * y + z * z)
-    # sin(a) / a and (1 - cos(a)) / a^2, exact at 0 too; np.sinc holds a pi.
-    first, second = np.sinc(angle / math.pi), 0.5 * np.sinc(0.5 * angle / math.pi) ** 2
-    return np.eye(3) + first * cross + second * (cross @ cross)
+    # sin(a) / a and (1 - cos(a)) / a^2, exact at 0 too; np.sinc contains a factor pi.
+    sine_ratio, cosine_ratio = np.sinc(angle / math.pi), 0.5 * np.sinc(0.5 * angle / math.pi) ** 2
+    return np.eye(3) + sine_ratio * cross + cosine_ratio * (cross @ cross)

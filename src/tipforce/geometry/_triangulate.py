@@ -13,9 +13,12 @@ from ._lens import triangulate as _triangulate
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangulated:
-    """``points_m`` (n, 3) in the world, ``covariance_m2`` (n, 3, 3), ``residual_px`` (n, views, 2): seen - projected.
+    """Points in space; NaN if fewer than two views show a point or their rays are nearly parallel.
 
-    NaN where fewer than two views see a point or their rays are as good as parallel.
+    Attributes:
+        points_m: (n, 3) points in the world.
+        covariance_m2: (n, 3, 3) their covariance.
+        residual_px: (n, views, 2) observed - projected pixels.
     """
 
     points_m: FloatArray
@@ -24,13 +27,18 @@ class Triangulated:
 
 
 def triangulate(cameras: Sequence[CameraModel], pixels: ArrayLike, noise_px: ArrayLike = 1.0) -> Triangulated:
-    """Each point where the sum of its squared distances in the images, over the noise, is least.
+    """Finds the points with the least sum of squared distances in the images, over the noise.
 
-    ``pixels`` (n, views, 2): the same n points in each view, NaN where a view does not see one. ``noise_px``: standard
-    deviation of u and v, one for all or one a view. The linear solution (Hartley and Zisserman, 12.2) is refined
-    by Gauss-Newton through the distorting lenses; the covariance is the inverse of its normal matrix: cameras exact.
+    The linear solution (Hartley and Zisserman, 12.2) is refined by Gauss-Newton through the distorting lenses; the
+    covariance is the inverse of its normal matrix, for exact cameras.
 
-    Raises ValueError for fewer than two cameras or arrays of another shape.
+    Args:
+        cameras: two or more cameras.
+        pixels: (n, views, 2) the same n points in each view; NaN where a view does not show a point.
+        noise_px: standard deviation of u and v, one number for all views or one per view.
+
+    Raises:
+        ValueError: there are fewer than two cameras, an array has another shape, or the noise is not positive.
 
     >>> from tipforce.geometry import Pose
     >>> left = CameraModel(np.array([800.0, 800.0]), np.array([320.0, 240.0]))
@@ -41,12 +49,13 @@ def triangulate(cameras: Sequence[CameraModel], pixels: ArrayLike, noise_px: Arr
     """
     if len(cameras) < 2:
         raise ValueError(f"triangulate: expected two cameras or more, got {len(cameras)}")
-    seen = np.ascontiguousarray(pixels, np.float64)
-    if seen.ndim != 3 or seen.shape[1:] != (len(cameras), 2):
-        raise ValueError(f"pixels: expected shape (n, {len(cameras)}, 2), got {seen.shape}")
+    observed = np.ascontiguousarray(pixels, np.float64)
+    if observed.ndim != 3 or observed.shape[1:] != (len(cameras), 2):
+        raise ValueError(f"pixels: expected shape (n, {len(cameras)}, 2), got {observed.shape}")
     sigma = frozen("noise_px", np.broadcast_to(np.asarray(noise_px, np.float64), (len(cameras),)), (len(cameras),))
     if not (sigma > 0).all():
         raise ValueError(f"noise_px: expected positive numbers, got {sigma.tolist()}")
-    points, covariance, residual = np.empty((len(seen), 3)), np.empty((len(seen), 3, 3)), np.empty_like(seen)
-    _triangulate(np.stack([camera.row for camera in cameras]), seen, sigma, points, covariance, residual)
+    count = len(observed)
+    points, covariance, residual = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty_like(observed)
+    _triangulate(np.stack([camera.row for camera in cameras]), observed, sigma, points, covariance, residual)
     return Triangulated(points, covariance, residual)

@@ -1,4 +1,4 @@
-"""The smallest possible error of the tip's force: posterior Cramer-Rao bounds of simulated sessions, frame by frame."""
+"""Lower bounds of the force error: posterior Cramer-Rao bounds of simulated sessions, frame by frame."""
 
 from ._bound import CramerRaoBound, ForceCovarianceBound
 from ._companion import CompanionBound, describe_nuisances, read_companion_bounds

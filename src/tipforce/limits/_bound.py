@@ -1,4 +1,4 @@
-"""The posterior Cramer-Rao bound of a session: of each frame alone, and of all frames until then."""
+"""The posterior Cramer-Rao bound of a session, for each frame alone and for each with all frames before it."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -27,9 +27,13 @@ _PLAY = "place in the backlash"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceCovarianceBound:
-    """The smallest covariance of the force in each frame; base frame; NaN where no stable shape was found.
+    """The smallest covariance of the force in each frame, base frame; NaN where no stable shape was found.
 
-    ``stamp_ns`` (m,); ``force_n`` (m, 3): the true force; ``covariance_n2`` (m, 3, 3).
+    Attributes:
+        session: name of the session.
+        stamp_ns: (m,) stamps.
+        force_n: (m, 3) true force.
+        covariance_n2: (m, 3, 3) covariance of its error.
     """
 
     session: str
@@ -39,32 +43,42 @@ class ForceCovarianceBound:
 
     @property
     def std_n(self) -> FloatArray:
-        """(m, 3): of fx, fy and fz."""
+        """(m, 3) standard deviations of fx, fy and fz."""
         return np.sqrt(np.diagonal(self.covariance_n2, axis1=1, axis2=2))
 
     @property
     def magnitude_std_n(self) -> FloatArray:
-        """(m,): of the force's magnitude, to first order; NaN where there is no force."""
+        """(m,) standard deviation of the force's magnitude, to first order; NaN without a force."""
         size = np.linalg.norm(self.force_n, axis=1, keepdims=True)
-        way = np.divide(self.force_n, size, out=np.full_like(self.force_n, np.nan), where=size > 0)
-        return np.sqrt(np.einsum("mi,mij,mj->m", way, self.covariance_n2, way))
+        direction = np.divide(self.force_n, size, out=np.full_like(self.force_n, np.nan), where=size > 0)
+        return np.sqrt(np.einsum("mi,mij,mj->m", direction, self.covariance_n2, direction))
 
     @property
     def fx_fy_magnitude_n(self) -> FloatArray:
-        """(m, 3): standard deviations of fx, fy and of the magnitude."""
+        """(m, 3) standard deviations of fx, fy and of the magnitude."""
         return np.column_stack([self.std_n[:, :2], self.magnitude_std_n])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CramerRaoBound:
-    """The measurement model of a session, and the bounds that follow from it.
+    """The measurement model of a session, from which its bounds are computed.
 
-    ``jacobian`` (m, rows, parameters): of the detected centreline by ``parameters``, see `centreline_jacobian`;
-    ``arc_m`` (points,): positions along it. ``touching``, ``stable`` (m,); ``contact_angle_deg`` (m,): between tip and
-    wall's normal. ``play_open`` (m,): whether the knob may not have crossed its backlash yet. ``tare_s``: until when
-    the session's metadata say that nothing touches. ``noise``: of the centreline. ``wall``: the tissue. ``dent_rows``
-    (m, parameters): of the indentation, in standard deviations of its reading; None: it is not read, and the bound is
-    the shape's.
+    Attributes:
+        session: name of the session.
+        stamp_ns: (m,) stamps.
+        force_n: (m, 3) true force.
+        touching: (m,) whether the tip is in contact.
+        stable: (m,) whether a stable shape was found.
+        contact_angle_deg: (m,) angle between the tip and the wall's normal.
+        play_open: (m,) whether the knob may not have crossed its backlash yet.
+        tare_s: end of the time without contact that the session metadata state.
+        parameters: unknown parameters.
+        jacobian: (m, rows, parameters) derivatives of the detected centreline, see `centreline_jacobian`.
+        arc_m: (points,) positions along the centreline.
+        noise: noise of the detected centreline.
+        wall: the tissue.
+        indentation_rows: (m, parameters) derivatives of the indentation, in standard deviations of its reading; None:
+            it is not read, and the bound is that of the shape.
     """
 
     session: str
@@ -80,7 +94,7 @@ class CramerRaoBound:
     arc_m: FloatArray
     noise: CentrelineNoise
     wall: SpatialWall
-    dent_rows: FloatArray | None = None
+    indentation_rows: FloatArray | None = None
 
     @classmethod
     def of(cls, source: Truth | SimulatedBench, noise: CentrelineNoise | None = None) -> Self:
@@ -88,11 +102,11 @@ class CramerRaoBound:
 
         Args:
             source: the session's ground truth, or its bench.
-            noise: of the detected centreline; None: as measured on the session's preset.
+            noise: noise of the detected centreline; None: as measured on the session's preset.
 
         Raises:
-            ValueError: without ``noise`` for a preset on which none was measured, for X-ray images, and where the
-                tissue touches the shaft's side too.
+            ValueError: ``noise`` is None and was not measured for the preset, the session has X-ray images, or the
+                tissue also touches the shaft's side.
         """
         preset = noise_preset(source.settings)
         if noise is None:
@@ -106,7 +120,9 @@ class CramerRaoBound:
         inputs = bound_inputs(source)
         settings = inputs.settings
         if settings.world.wall.side_stiffness_n_per_m2 > 0:
-            raise ValueError("the bound is of a force on the electrode's dome; here the shaft's side is touched too")
+            raise ValueError(
+                "the bound is for a force on the electrode's dome; here the tissue also touches the shaft's side"
+            )
         parameters = unknown_parameters(settings, inputs.bench_model.parameters)
         rows, arc, stable = centreline_jacobian(inputs)
         jacobian = np.stack([rows[parameter.name] for parameter in parameters], axis=2)
@@ -130,17 +146,20 @@ class CramerRaoBound:
         )
 
     def with_indentation(self, reading: IndentationReading) -> Self:
-        """Returns the model of an estimator that also reads how deep the tip presses into the tissue.
+        """Returns the model of an estimator that also reads the indentation of the tissue.
 
-        Force along the normal = stiffness x depth; the rate of the depth counts as known. Both the tissue's stiffness
-        and where its face lies are unknown, with priors from ``reading``.
+        The force along the normal is stiffness x indentation; the rate of the indentation is assumed to be known. The
+        tissue's stiffness and the position of its face are unknown, with priors from ``reading``.
+
+        Args:
+            reading: accuracy of the reading, and the priors.
 
         Raises:
-            ValueError: for a tissue that is not linear, or not flat.
+            ValueError: the tissue is not linear, or not flat.
         """
         wall = self.wall
         if not (wall.hertz_depth_m is wall.exponential_depth_m is wall.face_radius_m is None):
-            raise ValueError("the bound with the indentation is of a flat face of linear tissue")
+            raise ValueError("the bound with the indentation is for a flat face of linear tissue")
         slope = -wall.normal / wall.stiffness_n_per_m
         depth = self.force_n @ slope
         rows = np.zeros((len(self.force_n), len(self.parameters) + 2))
@@ -150,18 +169,18 @@ class CramerRaoBound:
             self,
             parameters=(*self.parameters, *reading.parameters()),
             jacobian=np.pad(self.jacobian, ((0, 0), (0, 0), (0, 2))),
-            dent_rows=rows / reading.std_m,
+            indentation_rows=rows / reading.std_m,
         )
 
     def single_frame(self, known: Iterable[str] = (), force_n2: FloatArray | None = None) -> ForceCovarianceBound:
         """Returns the bound of every frame alone.
 
         Args:
-            known: groups of parameters that are taken as known.
+            known: groups of parameters that are assumed to be known.
             force_n2: (3, 3) prior covariance of the force, base frame; None: broad, see `unknown_parameters`.
 
         Raises:
-            ValueError: for a group that does not exist, and for that of the force.
+            ValueError: a group does not exist, or is that of the force.
         """
         free, lasting = self._free(known)
         covariance = self.noise.fresh.covariance_m2(self.arc_m)
@@ -181,8 +200,8 @@ class CramerRaoBound:
         Args:
             known: as in `single_frame`.
             force_n2: as in `single_frame`.
-            free_known: in which frames without contact the estimator may be sure that there is none. All: the bound
-                then holds also for estimators that detect contact; the tare only, which the metadata state; none.
+            free_known: frames without contact in which the estimator is sure that there is none: "all" (the bound then
+                also holds for estimators that detect contact), "tare" (only those that the metadata state), or "none".
 
         Raises:
             ValueError: as in `single_frame`.
@@ -201,7 +220,7 @@ class CramerRaoBound:
         fresh = self.noise.fresh.covariance_m2(self.arc_m)
         prior, memory = self._prior(free, force_n2), [parameter.memory_s for parameter in chosen]
         if lasting:
-            # An error that stays for a session is a parameter like others: one for each row.
+            # A constant error of a session is treated as parameters: one for each row.
             rows = self.noise.lasting.covariance_m2(self.arc_m)
             prior, memory = np.asarray(block_diag(prior, rows), np.float64), memory + [np.inf] * len(rows)
             shown = np.broadcast_to(np.eye(len(rows)) * self.stable[:, None, None], (len(jacobian), *rows.shape))
@@ -213,15 +232,15 @@ class CramerRaoBound:
         return self._bound(found)
 
     def _with_indentation_row(self, white: FloatArray, free: list[int]) -> FloatArray:
-        """``white`` (m, rows, columns), its first columns ``free``, with a row of the indentation if it is read."""
-        if self.dent_rows is None:
+        """Adds a row for the indentation, if it is read, to ``white`` (m, rows, columns); first columns: ``free``."""
+        if self.indentation_rows is None:
             return white
         row = np.zeros((len(white), 1, white.shape[2]))
-        row[:, 0, : len(free)] = self.dent_rows[:, free]
+        row[:, 0, : len(free)] = self.indentation_rows[:, free]
         return np.concatenate([white, row], axis=1)
 
     def _free(self, known: Iterable[str]) -> tuple[list[int], bool]:
-        """Indices of the parameters that are unknown, and whether the session's lasting noise is."""
+        """Returns the indices of the unknown parameters, and whether the session's constant noise is unknown."""
         groups, known = {parameter.group for parameter in self.parameters} | {SESSION_NOISE}, set(known)
         if known - groups or "force" in known:
             allowed = ", ".join(sorted(groups - {"force"}))
@@ -231,14 +250,14 @@ class CramerRaoBound:
         ], SESSION_NOISE not in known
 
     def _prior(self, free: list[int], force_n2: FloatArray | None) -> FloatArray:
-        """Prior covariance of the parameters at ``free``."""
+        """Returns the prior covariance of the parameters at ``free``."""
         prior = np.diag([parameter.std**2 for parameter in self.parameters])
         if force_n2 is not None:
             prior[:3, :3] = frozen("force_n2", force_n2, (3, 3))
         return prior[np.ix_(np.array(free), np.array(free))]
 
     def _bound(self, found: FloatArray) -> ForceCovarianceBound:
-        """``found`` (m, 2, 2) where the depth is known, else (m, 3, 3)."""
+        """Returns the bound for ``found``: (m, 2, 2) if the depth is known, otherwise (m, 3, 3)."""
         covariance = np.zeros((len(found), 3, 3))
         covariance[:, : found.shape[1], : found.shape[1]] = found
         covariance[~self.stable] = np.nan

@@ -1,4 +1,4 @@
-"""The bounds of many recorded sessions, from the ground truth in their companion files, and a summary of the priors."""
+"""Computes the bounds of recorded sessions from the ground truth in their companion files; summarises the priors."""
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -16,18 +16,24 @@ from ..types import FloatArray, IntArray
 from ._bound import CramerRaoBound
 from ._priors import BROAD_FORCE_STD_N, CONTACT_FORCE_PRIORS_N2, Parameter, noise_preset
 
-_FEW = 4
-"""Sessions that are done sooner than another process has started."""
+SESSIONS_PER_PROCESS = 4
+"""Number of sessions that take less time than the start of another process."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompanionBound:
-    """The bounds of one session's m frames, or why there are none.
+    """The bounds of the m frames of one session, or the reason why there are none.
 
-    ``std_n``: kind -> (m, 3), of fx, fy and the magnitude; NaN where no stable shape was found. The kinds:
-    ``one_frame`` and ``all_frames`` (all until then) with the preset's forces as the prior, ``one_frame_broad`` and
-    ``all_frames_broad`` with a broad prior. ``contact_angle_deg`` (m,). ``rejection_reason``: why there is no bound,
-    else "".
+    Attributes:
+        session: name of the session.
+        preset: name of the preset.
+        stamp_ns: (m,) stamps.
+        std_n: kind -> (m, 3) standard deviations of fx, fy and the magnitude; NaN where no stable shape was found. The
+            kinds are ``one_frame`` and ``all_frames`` (with all frames before) with the preset's forces as the prior,
+            and ``one_frame_broad`` and ``all_frames_broad`` with a broad prior.
+        contact_angle_deg: (m,) angle between the tip and the wall's normal.
+        parameters: unknown parameters.
+        rejection_reason: reason why there is no bound, or "".
     """
 
     session: str
@@ -49,16 +55,16 @@ def read_companion_bounds(
     """Computes the bounds of recorded sessions from their companion files.
 
     Args:
-        paths: of the ground truths, see `read_truth`.
-        sessions: names of the sessions that are wanted; others are left out.
-        workers: number of processes; as many as there are cores by default. A minute's session takes about 0.6 s.
-        progress: is called with a label and the share done.
+        paths: paths of the ground truths, see `read_truth`.
+        sessions: names of the requested sessions; others are left out.
+        workers: number of processes; by default the number of cores. A session of one minute takes about 0.6 s.
+        progress: called with a label and the share that is done.
 
     Returns:
-        One entry a session, in the order of ``paths``.
+        One entry per session, in the order of ``paths``.
     """
     work, todo = partial(_read_bound, sessions=frozenset(sessions)), list(paths)
-    worker_count = min(len(todo) // _FEW, workers or cores())
+    worker_count = min(len(todo) // SESSIONS_PER_PROCESS, workers or cores())
 
     def collected(found: Iterable[CompanionBound | None]) -> list[CompanionBound]:
         kept: list[CompanionBound] = []
@@ -76,7 +82,7 @@ def read_companion_bounds(
 
 
 def _read_bound(path: Path, sessions: Collection[str]) -> CompanionBound | None:
-    """Returns None for a session that is not wanted."""
+    """Returns the bounds of one session; None if it is not requested."""
     truth = read_truth(path)
     if truth.session not in sessions:
         return None
@@ -93,7 +99,7 @@ def _read_bound(path: Path, sessions: Collection[str]) -> CompanionBound | None:
             "one_frame_broad": bound.single_frame(),
             "all_frames_broad": bound.sequential(),
         }
-    std = {way: force.fx_fy_magnitude_n for way, force in found.items()}
+    std = {kind: force.fx_fy_magnitude_n for kind, force in found.items()}
     return CompanionBound(truth.session, preset, truth.stamp_ns, std, bound.contact_angle_deg, bound.parameters)
 
 
@@ -107,10 +113,10 @@ def describe_nuisances(bounds: Sequence[CompanionBound]) -> list[str]:
         sentences.append(
             f"Bound of {preset}: posterior Cramer-Rao bound of the centreline that the tracer detects, with its "
             f"measured error; unknown, each a Gaussian of the standard deviation in brackets, are "
-            f"{', '.join(described)} and the error of detection that lasts a session; prior of the force: as wide as "
-            f"the preset's contact forces "
+            f"{', '.join(described)} and the detection error that is constant in a session; prior of the force: "
+            f"as wide as the preset's contact forces "
             f"({spread} mN along x, y, z), or broad, {1e3 * BROAD_FORCE_STD_N:.0f} mN along x and y; it is the "
-            "shape's bound: a method that also reads how deep the tip presses into the tissue can be below it."
+            "shape's bound: a method that also reads the indentation of the tissue can be below it."
         )
     return sentences
 
@@ -119,7 +125,7 @@ _DISPLAY_UNITS = {"m": (1e3, " mm"), "rad": (math.degrees(1.0), " deg"), "1": (1
 
 
 def _describe(same: Sequence[Parameter]) -> str:
-    """One parameter of all sessions of a preset: name and standard deviation, least to most where they differ."""
+    """Returns name and standard deviation of one parameter of a preset; smallest to largest if the sessions differ."""
     factor, unit = _DISPLAY_UNITS.get(same[0].unit, (1.0, f" {same[0].unit}"))
     ends = [f"{factor * pick(each.std for each in same):.2g}" for pick in (min, max)]
     return f"{same[0].name.replace(',', '')} ({' to '.join(dict.fromkeys(ends))}{unit})"

@@ -1,4 +1,4 @@
-"""How the detected centreline moves with each unknown parameter, and what of the session that needs."""
+"""Derivatives of the detected centreline by each unknown parameter, and the data of a session that they need."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -18,9 +18,20 @@ from ..types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundInputs:
-    """What the bound needs of a session at its m frames; see `Truth` for the arrays.
+    """Data of a session for the bound, at its m frames; see `Truth` for the arrays.
 
-    ``force_n``, ``touch_m`` (m, 3); ``lines_m`` (m, p, 3): the centreline, base frame, metres.
+    Attributes:
+        session: name of the session.
+        settings: settings of the simulation.
+        bench_model: rod, wall and parameters of the session.
+        lens: the camera.
+        stamp_ns: (m,) stamps.
+        force_n: (m, 3) force of the tissue on the tip, base frame.
+        touch_m: (m, 3) point of contact, base frame.
+        touching: (m,) whether the tip is in contact.
+        lines_m: (m, p, 3) centreline in metres, base frame.
+        curvature_per_m: (m,) curvature that the knob sets.
+        knob_deg: (m,) angle of the knob.
     """
 
     session: str
@@ -37,22 +48,22 @@ class BoundInputs:
 
     @property
     def time_s(self) -> FloatArray:
-        """(m,) since the first frame."""
+        """(m,) time in s since the first frame."""
         return (self.stamp_ns - self.stamp_ns[0]) * 1e-9
 
     @property
     def contact_angle_deg(self) -> FloatArray:
-        """(m,): between the tip's axis and the direction into the wall."""
+        """(m,) angle between the tip's axis and the direction into the wall."""
         axis = self.lines_m[:, -1] - self.lines_m[:, -2]
         cosine = axis @ self.bench_model.wall.normal / np.linalg.norm(axis, axis=1)
         return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def bound_inputs(source: Truth | SimulatedBench) -> BoundInputs:
-    """Collects the inputs of the bound from a ground truth, or from the bench itself (no image is drawn for it).
+    """Collects the inputs of the bound from a ground truth, or from the bench itself; no image is rendered.
 
     Raises:
-        ValueError: for X-ray sessions, and for a ground truth with settings of another version.
+        ValueError: the session has X-ray images, or the ground truth has settings of another version.
     """
     if isinstance(source, Truth):
         stated = {name: value for name, value in source.settings.items() if name not in ("seed", "number")}
@@ -81,7 +92,7 @@ def bound_inputs(source: Truth | SimulatedBench) -> BoundInputs:
             knob_deg=source.knob_deg,
         )
     if not isinstance(source.settings, SimulationSettings) or not isinstance(source.imaging, CameraImaging):
-        raise ValueError(f"the bound is of one camera's images; {source.settings.preset} has X-ray images")
+        raise ValueError(f"the bound is for images of one camera; {source.settings.preset} has X-ray images")
     times, trajectory, when = source.frame_s, source.session.trajectory, source.interpolator
     return BoundInputs(
         session=source.name,
@@ -99,17 +110,23 @@ def bound_inputs(source: Truth | SimulatedBench) -> BoundInputs:
 
 
 def _part(kind: type[Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Of ``values``, the fields of the dataclass ``kind``; a file has made lists of its tuples."""
+    """Returns the entries of ``values`` that are fields of the dataclass ``kind``; lists of a file become tuples."""
     found = {field.name: values[field.name] for field in fields(kind) if field.name in values}
     return {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
 
 
 POINTS = 33
-"""Of the detected centreline, from the image's border to the tip."""
+"""Number of points of the detected centreline, from the image's border to the tip."""
 
 
 def perturb_lens(lens: Lens, name: str, step: float) -> Lens:
-    """Returns ``lens`` with one of the camera's parameters changed by ``step``, in its own unit."""
+    """Returns ``lens`` with one of the camera's parameters changed.
+
+    Args:
+        lens: the camera.
+        name: name of the parameter.
+        step: change, in the unit of the parameter.
+    """
     match name:
         case "base, right":
             return replace(lens, base_at_m=(lens.base_at_m[0] + step, lens.base_at_m[1]))
@@ -147,13 +164,16 @@ _CAMERA_STEPS = {
 
 
 def centreline_jacobian(inputs: BoundInputs) -> tuple[dict[str, FloatArray], FloatArray, BoolArray]:
-    """Returns the derivatives of the centreline by each parameter, arc lengths, and where the shape is stable.
+    """Returns the derivatives of the centreline by each parameter, its arc lengths, and where the shape is stable.
+
+    Args:
+        inputs: data of the session.
 
     Returns:
-        Parameter name -> (m, POINTS + 1) derivatives: how far the centreline moves in the image, in metres of the
-        catheter's plane per unit of the parameter; across itself at each point (left positive, base to tip), and last
-        along itself at the tip. Then the points' arc lengths in metres (POINTS,), and (m,) where the shape under a dead
-        force is stable.
+        Parameter name -> (m, POINTS + 1) derivatives: displacement of the centreline in the image, in metres of the
+        catheter's plane per unit of the parameter; across the line at each point (left positive, base to tip), and last
+        along the line at the tip. Then the points' arc lengths in metres (POINTS,), and (m,) whether the shape under a
+        force of constant direction is stable.
     """
     settings, bench_model, lens = inputs.settings, inputs.bench_model, inputs.lens
     width, height = settings.width, settings.height
@@ -177,16 +197,16 @@ def centreline_jacobian(inputs: BoundInputs) -> tuple[dict[str, FloatArray], Flo
         creep_time_s=shaft.creep_s,
     )
     m = len(curvature)
-    # Where the clamp has been advanced, the whole rod has.
-    places = (found.centreline_m + inputs.lines_m[:, :1]).reshape(-1, 3)
-    pixels, slopes = camera.project_with_slopes(places)
+    # An advance of the clamp moves the whole rod.
+    positions = (found.centreline_m + inputs.lines_m[:, :1]).reshape(-1, 3)
+    pixels, slopes = camera.project_with_slopes(positions)
     pixels, slopes = pixels.reshape(m, POINTS, 2), slopes.reshape(m, POINTS, 2, 3)
     tangent = CubicSpline(np.arange(POINTS), pixels, axis=1)(np.arange(POINTS), 1)
     tangent /= np.linalg.norm(tangent, axis=2, keepdims=True)
-    left = np.stack([tangent[..., 1], -tangent[..., 0]], axis=2)  # v runs down
+    left = np.stack([tangent[..., 1], -tangent[..., 0]], axis=2)  # v points down
 
     def row(moves: FloatArray) -> FloatArray:
-        """(m, POINTS, 2) px per unit -> (m, POINTS + 1)."""
+        """Converts displacements (m, POINTS, 2) in px per unit to a row (m, POINTS + 1)."""
         across = np.sum(left * moves, axis=2)
         return scale * np.column_stack([across, np.sum(tangent[:, -1] * moves[:, -1], axis=1)])
 
@@ -211,18 +231,20 @@ def centreline_jacobian(inputs: BoundInputs) -> tuple[dict[str, FloatArray], Flo
         "bend out of the plane": of_rod(found["precurvature"][..., 0]),
     }
     for name, step in _CAMERA_STEPS.items():
-        more, less = (perturb_lens(lens, name, way).camera(width, height).project(places) for way in (step, -step))
+        more, less = (
+            perturb_lens(lens, name, signed).camera(width, height).project(positions) for signed in (step, -step)
+        )
         rows[name] = row(((more - less) / (2 * step)).reshape(m, POINTS, 2))
     arc = scale * arc_length(pixels[0])
     return rows, arc, found.stable
 
 
 def _first_visible_m(inputs: BoundInputs) -> float:
-    """Arc length at which the shaft comes into the image; the base lies outside of it."""
+    """Returns the arc length at which the shaft enters the image; the base is outside of it."""
     line, settings = inputs.lines_m[0], inputs.settings
     pixels = inputs.lens.camera(settings.width, settings.height).project(line)
     far = np.array([settings.width - 1, settings.height - 1])
-    inward = np.minimum(pixels, far - pixels).min(axis=1)  # how far inside the image
+    inward = np.minimum(pixels, far - pixels).min(axis=1)  # distance inside the image
     first = int(np.argmax(inward >= 0))
     if first:
         first -= inward[first] / (inward[first] - inward[first - 1])

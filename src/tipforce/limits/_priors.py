@@ -1,4 +1,4 @@
-"""What an estimator knows of a session beforehand: priors of the unknown parameters, centreline noise, forces."""
+"""Prior knowledge of an estimator about a session: unknown parameters, centreline noise, forces."""
 
 import math
 from collections.abc import Mapping
@@ -13,18 +13,22 @@ from ..simulation.world import SessionParameters
 from ..types import FloatArray
 
 BROAD_FORCE_STD_N = 0.3
-"""Prior standard deviation of each in-plane component of the force: broad, independent in every frame."""
+"""Broad prior standard deviation of each in-plane component of the force, independent in every frame."""
 SESSION_NOISE = "detection, per session"
-"""The group of those errors of the detected centreline that stay for a session."""
+"""Name of the group of the detected centreline's errors that are constant in a session."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """An unknown parameter of the measurement model, with its Gaussian prior.
 
-    ``std`` in ``unit``: of the prior, as wide as the distribution that it is drawn from. ``group``: parameters that are
-    reported together. ``memory_s``: correlation time; infinite: constant over a session; 0: independent in every frame.
-    ``why``: where the width comes from.
+    Attributes:
+        name: name of the parameter.
+        group: name of the parameters that are reported together.
+        std: standard deviation of the prior, equal to that of the distribution from which the parameter is drawn.
+        unit: unit of ``std``.
+        memory_s: correlation time; infinite: constant over a session; 0: independent in every frame.
+        why: origin of the width of the prior.
     """
 
     name: str
@@ -36,16 +40,21 @@ class Parameter:
 
 
 def _std(bounds: tuple[float, float]) -> float:
-    """Of a uniform draw."""
+    """Returns the standard deviation of a uniform distribution."""
     return (bounds[1] - bounds[0]) / math.sqrt(12)
 
 
 def unknown_parameters(settings: SimulationSettings, parameters: SessionParameters) -> tuple[Parameter, ...]:
-    """Returns the parameters of a session, the force's three components first.
+    """Returns the unknown parameters of a session, the three components of the force first.
 
-    What is the same in every session counts as known: the law of stiffening with curvature, GJ / EI, the electrode's
-    length, the diameter, the width of the backlash and the camera's inset. An estimator can learn them from other
-    sessions.
+    Parameters that are the same in every session are assumed to be known, because an estimator can learn them from
+    other
+    sessions: the law of stiffening with curvature, GJ / EI, the electrode's length, the diameter, the width of the
+    backlash and the camera's inset.
+
+    Args:
+        settings: settings of the simulation.
+        parameters: parameters of the session.
     """
     world, scene = settings.world, settings.scene
     shaft, actuation, wall, device = world.shaft, world.actuation, world.wall, parameters.device
@@ -163,7 +172,7 @@ def unknown_parameters(settings: SimulationSettings, parameters: SessionParamete
 
 @dataclass(frozen=True, slots=True)
 class CentrelineNoise:
-    """Errors of a detected centreline in the catheter's plane: ``fresh`` in every frame, or ``lasting`` a session."""
+    """Errors of a detected centreline in the catheter's plane: ``fresh`` in each frame, ``lasting`` for a session."""
 
     fresh: LineNoise
     lasting: LineNoise
@@ -171,10 +180,12 @@ class CentrelineNoise:
 
 @dataclass(frozen=True, slots=True)
 class IndentationReading:
-    """How well an estimator reads the indentation of the tissue, and what it knows of the tissue beforehand.
+    """Accuracy with which an estimator reads the indentation of the tissue, and its prior knowledge of the tissue.
 
-    ``std_m``: of the depth in one frame; ``log_stiffness_std``: of the stiffness's logarithm; ``face_m``: of where the
-    undented face lies, the same all session.
+    Attributes:
+        std_m: standard deviation of the indentation in one frame.
+        log_stiffness_std: standard deviation of the stiffness's logarithm.
+        face_m: standard deviation of the position of the unloaded face, constant in a session.
     """
 
     std_m: float
@@ -182,7 +193,7 @@ class IndentationReading:
     face_m: float
 
     def parameters(self) -> tuple[Parameter, Parameter]:
-        """Returns the unknowns that come with it."""
+        """Returns the unknown parameters of the tissue."""
         ever = math.inf
         return (
             Parameter("stiffness of the tissue, relative", "tissue", self.log_stiffness_std, "1", ever, "prior"),
@@ -191,7 +202,7 @@ class IndentationReading:
 
 
 _PIXEL_M = 0.2e-3
-"""A pixel in the presets' middle."""
+"""Length of a pixel in the middle of the presets' images."""
 CENTRELINE_NOISE: dict[str, CentrelineNoise] = {
     "bench-2021": CentrelineNoise(
         fresh=LineNoise(
@@ -214,7 +225,7 @@ CENTRELINE_NOISE: dict[str, CentrelineNoise] = {
         ).scaled(_PIXEL_M),
     ),
 }  # fmt: skip
-"""By preset: the centreline noise of the tracer in pixels, measured by ``python -m bench.studies.line_noise``."""
+"""Centreline noise of the tracer in pixels by preset, measured by ``python -m bench.studies.line_noise``."""
 
 
 def _covariance(std_n: list[float], xy: float, xz: float, yz: float) -> FloatArray:
@@ -225,14 +236,15 @@ CONTACT_FORCE_PRIORS_N2: dict[str, FloatArray] = {
     "bench-2021": _covariance([0.0727, 0.0560, 0.0056], 0.307, 0.004, -0.207),
     "generalise": _covariance([0.0702, 0.0585, 0.0049], 0.071, -0.067, -0.207),
 }
-"""(3, 3) by preset: covariance of the force in contact, base frame, over sessions 40 to 79 of seed 0. It is the prior
-of an estimator that has learnt the forces from other sessions. ``python -m bench.studies.limits`` measures it."""
+"""Covariance (3, 3) of the force in contact by preset, base frame, over sessions 40 to 79 of seed 0: the prior of an
+estimator that was trained on other sessions. ``python -m bench.studies.limits`` measures it."""
 
 
 def noise_preset(settings: AnySimulationSettings | Mapping[str, Any]) -> str | None:
-    """Returns the preset whose measured `CENTRELINE_NOISE` holds for ``settings``, or None.
+    """Returns the preset whose measured `CENTRELINE_NOISE` is valid for ``settings``, or None.
 
-    ``settings``: as they are, or as a ground truth states them. The length of a session does not matter.
+    Args:
+        settings: settings, also as a ground truth states them. The length of a session is ignored.
 
     >>> noise_preset(PRESETS["generalise"])
     'generalise'
@@ -251,6 +263,6 @@ def noise_preset(settings: AnySimulationSettings | Mapping[str, Any]) -> str | N
 
 
 def _appearance(stated: Mapping[str, Any]) -> dict[str, Any]:
-    """What a session's images and forces are drawn from."""
-    look = {name: value for name, value in stated.items() if name not in ("preset", "seed", "number")}
-    return look | {"world": {name: value for name, value in look.get("world", {}).items() if name != "seconds"}}
+    """Returns the settings that determine a session's images and forces."""
+    stated = {name: value for name, value in stated.items() if name not in ("preset", "seed", "number")}
+    return stated | {"world": {name: value for name, value in stated.get("world", {}).items() if name != "seconds"}}
