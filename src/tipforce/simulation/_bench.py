@@ -31,17 +31,22 @@ from .rendering.camera import ImageTruth
 from .world import FINE, Resolution, SensorLog, Session, Trajectory, run_session
 
 _MAX_FRAMES = 1_000_000
-"""More images than any session has: where sessions share a camera, each has its own noise."""
+"""More images than any session has. Where sessions share a camera, each session has its own range of noise seeds."""
 
 
 class SimulatedBench:
     """Session ``session`` of ``seed`` on the bench of ``settings``: images, force readings, knob and stage.
 
-    A `Source` and context manager. Camera, knob and stage are stamped by the camera's clock, whose zero is where the
-    first frame would be without jitter; the force sensor stamps by its own, and reads tip-on-tissue in the frame
-    "sensor". `session_info` holds what a person at the bench would know. The same arguments
-    give the same bytes. Nothing is computed before it is asked for. ``resolution``: how finely the world is simulated;
-    ``name``: what the session is called, session_00 and so on by default.
+    A `Source` and context manager. Camera, knob and stage are stamped by the camera's clock, whose zero is the time of
+    the first frame without jitter. The force sensor is stamped by its own clock, and reads tip-on-tissue in the frame
+    "sensor". The same arguments give the same bytes. Nothing is computed before it is needed.
+
+    Args:
+        settings: settings of the bench; None: those of the preset ``bench-2021``.
+        seed: seed of all random numbers.
+        session: number of the session, from 0.
+        resolution: step size of the simulated world.
+        name: name of the session; by default session_00 and so on.
     """
 
     def __init__(
@@ -54,17 +59,17 @@ class SimulatedBench:
         name: str = "",
     ) -> None:
         self.preset_settings = settings or SimulationSettings()
-        """As given: what the session is drawn from."""
+        """The settings as given, from which the parameters of the session are drawn."""
         self.settings = (
             self.preset_settings.of_session(seed, session)
             if isinstance(self.preset_settings, SimulationSettings)
             else self.preset_settings
         )
-        """The session's own: with its camera."""
+        """The settings of this session, with its camera."""
         self.seed, self.number, self.resolution = seed, session, resolution
         self.name = name or f"session_{session:02d}"
         self.clock: Clock = SimulatedClock()
-        """Simulated time on the camera's clock; stands at the event that was yielded last."""
+        """Simulated time on the camera's clock: the time of the event that was yielded last."""
 
     def __enter__(self) -> Self:
         return self
@@ -79,15 +84,15 @@ class SimulatedBench:
 
     @property
     def _first_of_bench(self) -> int:
-        """The first session on this session's bench: its camera and what that shows are the bench's."""
+        """The first session on this session's bench. All sessions of a bench share the camera and the scene."""
         return self.number - self.number % self.settings.world.sessions_per_bench
 
     def _bench_rng(self, purpose: int) -> np.random.Generator:
-        """The same for all sessions of a bench."""
+        """Returns the same random numbers for all sessions of a bench."""
         return np.random.default_rng([self.seed, self._first_of_bench, purpose])
 
     def _catheter_rng(self) -> np.random.Generator:
-        """The same for all sessions of a catheter."""
+        """Returns the same random numbers for all sessions of a catheter."""
         number = self.number // self.settings.world.shaft.sessions_per_catheter
         return np.random.default_rng([self.seed, number, 9])
 
@@ -133,13 +138,13 @@ class SimulatedBench:
 
     @cached_property
     def readings(self) -> Readings:
-        """All that is read but the images."""
+        """All readings except the images."""
         readings = Readings(self.session.bench_model, self.interpolator.place, self._rng(3))
         readings.take(self.trajectory, self._rows_known())
         return readings
 
     def _rows_known(self) -> int:
-        """How many of the trajectory's instants are known."""
+        """Returns the number of the trajectory's instants that are known."""
         return self.trajectory.time_s.size
 
     @property
@@ -154,7 +159,7 @@ class SimulatedBench:
         count = round(self.settings.world.seconds * clock.fps)
         most = min(3.0 * clock.jitter_s, 0.45 / clock.fps)  # no frame comes before the one ahead of it
         jitter = np.clip(rng.standard_normal(count) * clock.jitter_s, -most, most)
-        jitter[0] = abs(jitter[0])  # no stamp lies before zero
+        jitter[0] = abs(jitter[0])  # no stamp is before zero
         kept = rng.random((len(self.views), count)) >= clock.dropped_share
         kept &= np.arange(count) / clock.fps >= clock.images_from_s
         return np.arange(count) / clock.fps + jitter, kept.T
@@ -170,7 +175,7 @@ class SimulatedBench:
         return self._exposures[0][self._shown]
 
     def arrived(self, view: str) -> IntArray:
-        """(k,): which of the frames (0 to n - 1) were not dropped in ``view``."""
+        """Returns the indices (k,) of the frames (0 to n - 1) that were not dropped in ``view``."""
         return self._arrived[self.views.index(view)]
 
     @cached_property
@@ -188,26 +193,26 @@ class SimulatedBench:
         return TrajectoryInterpolator(self.trajectory, self.session.bench_model, self.resolution)
 
     def frame(self, index: int, view: str = "") -> Frame:
-        """The ``index``-th image; of the first view where none is named."""
+        """Returns the ``index``-th image, of the first view if none is named."""
         view = view or self.views[0]
         return Frame(int(self.stamp_ns[index]), self.imaging.image(view, index), view)
 
     def image_truth(self, index: int, view: str = "") -> ImageTruth:
-        """What frame ``index`` shows of the catheter."""
+        """Returns the ground truth of frame ``index``: the catheter in the image."""
         return self.imaging.truth(view or self.views[0], index)
 
     def stage_log(self) -> tuple[IntArray, dict[str, FloatArray]]:
-        """Stamps (k,) and the commanded positions of the stage's axes in mm."""
+        """Returns stamps (k,) and the commanded positions of the stage's axes in mm."""
         stage = self.readings.stage
         return stage.stamp_ns, dict(zip(stage.names, stage.values.T, strict=True))
 
     def knob_log(self) -> tuple[IntArray, FloatArray]:
-        """Stamps (k,) and the knob's reading in degrees (k,)."""
+        """Returns stamps (k,) and the knob's reading in degrees (k,)."""
         joints = self.readings.joints
         return joints.stamp_ns, joints.values[:, 0]
 
     def schedule(self) -> list[tuple[int, int, int]]:
-        """All events in their order: when, on this bench's clock in ns, which stream's, and its place in that."""
+        """Returns all events in order: time on this bench's clock in ns, number of the stream, row in the stream."""
         readings = self.readings
         force_ns = np.round(readings.log.true_s * 1e9).astype(np.int64)
         joints_ns = readings.joints.stamp_ns if self.has_joints else np.empty(0, np.int64)
@@ -222,11 +227,11 @@ class SimulatedBench:
         return list(zip(arrival[order].tolist(), stream[order].tolist(), row[order].tolist(), strict=True))
 
     def _delays_ns(self) -> tuple[int, ...]:
-        """Of force, stage, joints and images: in a recording all stands when it happened."""
+        """Returns the delays of force, stage, joints and images: 0 in a recording, which has true times."""
         return (0, 0, 0, 0)
 
     def event(self, stream: int, row: int) -> Event:
-        """The event at a place of `schedule`."""
+        """Returns the event of one entry of `schedule`."""
         readings = self.readings
         match stream:
             case 0:
@@ -246,7 +251,7 @@ class SimulatedBench:
 
     @property
     def session_info(self) -> SessionInfo:
-        """The session's public metadata: what a person at the bench would know."""
+        """The session's public metadata: the values that a person at the bench would know."""
         return self._session_info
 
     @cached_property

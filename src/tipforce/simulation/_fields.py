@@ -5,8 +5,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-_LARGEST = 1e9
-"""No value of a bench is larger, in whatever unit."""
+MAX_VALUE = 1e9
+"""Largest value of any quantity of a bench, in any unit."""
 
 
 def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
@@ -15,24 +15,24 @@ def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
-Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
+Number = Annotated[float, Field(ge=-MAX_VALUE, le=MAX_VALUE)]
 Range = Annotated[tuple[Number, Number], AfterValidator(_ordered)]
-Positive = Annotated[float, Field(gt=0, le=_LARGEST)]
-NotNegative = Annotated[float, Field(ge=0, le=_LARGEST)]
+Positive = Annotated[float, Field(gt=0, le=MAX_VALUE)]
+NotNegative = Annotated[float, Field(ge=0, le=MAX_VALUE)]
 Share = Annotated[float, Field(ge=0, le=1)]
 _Few = Annotated[int, Field(ge=0, le=100)]
 Some = tuple[_Few, _Few]
-"""(least, most) of what is drawn one by one."""
+"""Smallest and largest number of objects that are drawn one by one."""
 
 
 class Settings(BaseModel):
-    """Settings cannot be changed once made, and know all of their names."""
+    """Settings are frozen; an unknown name is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 def standard_uncertainty(*errors: float) -> float | None:
-    """Returns that of a uniform error that is ``errors`` at most, to three digits; None where these are 0.
+    """Returns the standard uncertainty of a uniform error of at most ``errors``, to three digits; None if these are 0.
 
     >>> standard_uncertainty(-0.01, 0.01)
     0.00577

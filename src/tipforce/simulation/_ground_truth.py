@@ -25,7 +25,7 @@ Bytes = npt.NDArray[np.uint8]
 
 
 def _unpacked(packed: Bytes, ends: IntArray, index: int, size: tuple[int, int]) -> BoolArray:
-    """(h, w): the ``index``-th of the masks; ``size``: (width, height)."""
+    """Returns the ``index``-th mask (h, w); ``size``: (width, height)."""
     width, height = size
     start, length = int(ends[index - 1]) if index else 0, -(-width * height // 8)
     try:
@@ -43,7 +43,7 @@ def _unpacked(packed: Bytes, ends: IntArray, index: int, size: tuple[int, int]) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewTruth:
-    """What another view of the same instants shows: as the fields of the same names in `Truth`."""
+    """The ground truth of another view of the same instants. The fields have the meaning of those in `Truth`."""
 
     centreline_px: FloatArray
     visible: FloatArray
@@ -61,15 +61,32 @@ class ViewTruth:
 class Truth:
     """The ground truth of a session, frame by frame: for evaluation and figures only, never for an estimator.
 
-    ``stamp_ns`` (n,): middle of the exposure, camera clock. ``force_n`` (n, 3): of the tissue on the tip, base frame;
-    ``touch_m`` (n, 3): where; ``touching``, ``slipping`` (n,). ``centreline_m`` (n, p, 3): base to tip, base frame,
-    uniform in arc length; ``centreline_px`` (n, p, 2): as the camera sees it. ``mask_bytes``, ``mask_ends`` (n,): see
-    `mask`. ``curvature_per_m`` (n,): of the unloaded shaft in its plane of bending; ``knob_deg`` (n,).
-    ``camera_from_base``, ``sensor_from_base``: poses. ``image_size``: (width, height). ``clock_offset_s``,
-    ``clock_drift``: camera time = (1 + drift) time in the force log + offset. ``values``: what was drawn, by name with
-    unit. ``settings``: what it was drawn from. ``side_force_n`` (n, 3): of the tissue on the shaft's side, where that
-    can touch. ``others``: the views beyond the first, whose images show the same instants; a image that was dropped
-    in one view has its truth all the same.
+    The frames are numbered 0 to n - 1. Frames of reference: base, and camera (u, v, away from the camera).
+
+    Attributes:
+        session: name of the session.
+        stamp_ns: (n,) middle of the exposure, camera clock.
+        force_n: (n, 3) force of the tissue on the tip, base frame.
+        touch_m: (n, 3) point of the tip at which it acts, base frame.
+        touching: (n,) whether the tip touches the tissue.
+        slipping: (n,) whether it slips there.
+        centreline_m: (n, p, 3) base to tip, base frame, uniform in arc length.
+        centreline_px: (n, p, 2) the same in the image.
+        visible: (n,) visible share of the catheter.
+        mask_bytes: the compressed masks, see `mask`.
+        mask_ends: (n,) end of each mask in ``mask_bytes``.
+        curvature_per_m: (n,) curvature of the unloaded shaft in its plane of bending.
+        knob_deg: (n,) angle of the knob.
+        camera_from_base: pose of the camera.
+        sensor_from_base: pose of the force sensor.
+        image_size: (width, height).
+        clock_offset_s: camera time = (1 + ``clock_drift``) time in the force log + ``clock_offset_s``.
+        clock_drift: see ``clock_offset_s``.
+        values: the drawn parameters, by name with unit.
+        settings: the settings from which they were drawn.
+        side_force_n: (n, 3) force of the tissue on the side of the shaft, base frame; None if the side cannot touch.
+        others: the views beyond the first, whose images show the same instants. An image that was dropped in one view
+            has its truth all the same.
     """
 
     session: str
@@ -117,12 +134,20 @@ class Truth:
 
 
 def truth_path(recording: Path) -> Path:
-    """Where the truth of ``recording`` (a file or a session's folder) lies."""
+    """Returns the path of the ground truth of ``recording`` (a file or a session's folder)."""
     return recording.with_name(recording.name.removesuffix(".mcap") + _SUFFIX)
 
 
 def collect_truth(bench: SimulatedBench, frames: IntArray | None = None) -> Truth:
-    """Collects the ground truth of ``bench`` at all frames, or at the indices ``frames`` (n,)."""
+    """Collects the ground truth of ``bench`` at all frames, or at the indices ``frames`` (n,).
+
+    Args:
+        bench: the simulated session.
+        frames: (n,) indices of frames; None: all.
+
+    Returns:
+        The ground truth of these frames.
+    """
     chosen = np.arange(len(bench.frame_s)) if frames is None else frames
     log, times = bench.log, bench.frame_s[chosen]
     contact, trajectory, when = bench.trajectory.contact, bench.trajectory, bench.interpolator
@@ -168,7 +193,7 @@ def _view_truth(bench: SimulatedBench, view: str, frames: IntArray) -> ViewTruth
 
 
 _POSES = ("camera_from_base", "sensor_from_base")
-_PLAIN = ("session", "image_size", "clock_offset_s", "clock_drift", "values", "settings")
+_ABOUT_FIELDS = ("session", "image_size", "clock_offset_s", "clock_drift", "values", "settings")
 
 
 def _arrays(truth: Truth | ViewTruth) -> dict[str, npt.NDArray[Any]]:
@@ -177,14 +202,14 @@ def _arrays(truth: Truth | ViewTruth) -> dict[str, npt.NDArray[Any]]:
         value = getattr(truth, name)
         if name in _POSES:
             arrays[name] = np.column_stack([value.rotation, value.translation_m])
-        elif name not in _PLAIN and name != "others" and value is not None:
+        elif name not in _ABOUT_FIELDS and name != "others" and value is not None:
             arrays[name] = value
     return arrays
 
 
 def write_truth(truth: Truth, path: Path) -> None:
-    """Write ``path``, whole or not at all."""
-    about = {name: getattr(truth, name) for name in _PLAIN}
+    """Writes ``truth`` to ``path``: the whole file or none."""
+    about = {name: getattr(truth, name) for name in _ABOUT_FIELDS}
     if truth.others:
         about["others"] = list(truth.others)
     arrays = {"about": np.array(json.dumps(about)), **_arrays(truth)}
@@ -201,7 +226,7 @@ def _read_arrays(kind: type[Truth | ViewTruth], arrays: Mapping[str, npt.NDArray
         if each.name in _POSES:
             matrix = arrays[name]
             values[each.name] = Pose(matrix[:, :3], matrix[:, 3])
-        elif name in arrays or (each.name not in _PLAIN and each.default is MISSING and each.name != "others"):
+        elif name in arrays or (each.name not in _ABOUT_FIELDS and each.default is MISSING and each.name != "others"):
             values[each.name] = arrays[name]
     return values
 
@@ -209,12 +234,19 @@ def _read_arrays(kind: type[Truth | ViewTruth], arrays: Mapping[str, npt.NDArray
 def read_truth(path: Path | str) -> Truth:
     """Reads the ground truth that ``tipforce simulate`` wrote, from its companion file's or the recording's path.
 
-    Raises FileFormatError where there is none.
+    Args:
+        path: path of the companion file or of the recording.
+
+    Returns:
+        The ground truth of all frames.
+
+    Raises:
+        FileFormatError: the file does not exist or is not readable.
     """
     path = Path(path)
     path = path if path.name.endswith(_SUFFIX) else truth_path(path)
     if not path.is_file():
-        raise FileFormatError(f"{path}: there is no such file; only what `tipforce simulate` wrote has a truth")
+        raise FileFormatError(f"{path}: there is no such file; only recordings by `tipforce simulate` have a truth")
     try:
         arrays = read_npz(path, str(path), _REMEDY)
         values: dict[str, Any] = parse_json(str(arrays["about"]), str(path))
@@ -229,5 +261,5 @@ def read_truth(path: Path | str) -> Truth:
 
 
 def settings_record(settings: Settings, seed: int, number: int) -> dict[str, Any]:
-    """What a session was made from, as its truth keeps it: JSON values."""
+    """Returns the settings and random numbers of a session, as its ground truth keeps them: JSON values."""
     return {**settings.model_dump(mode="json"), "seed": seed, "number": number}

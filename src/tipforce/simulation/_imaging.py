@@ -18,7 +18,7 @@ from .world import APPROACH_S, BenchModel, Session
 
 Exposed = Callable[[float, float, int], tuple[FloatArray, TissueState]]
 """Middle of an exposure and its length in seconds, number of instants -> shapes (m, n, 3) and the tissue."""
-_CAMERA_INSTANTS, _XRAY_INSTANTS = 9, 5
+_CAMERA_EXPOSURE_INSTANTS, _XRAY_EXPOSURE_INSTANTS = 9, 5
 _KEPT_PULSES = 16
 
 
@@ -27,51 +27,51 @@ class Imaging(Protocol):
 
     @property
     def views(self) -> tuple[str, ...]:
-        """The first is the one that stands for all."""
+        """Names of the views; the first is the default."""
         ...
 
     @property
     def scene(self) -> CameraScene | XrayScene:
-        """What is looked at."""
+        """The drawn scene."""
         ...
 
     @property
     def jpeg_quality(self) -> int:
-        """Of the images as recorded."""
+        """JPEG quality of the recorded images, 1 to 100."""
         ...
 
     @property
     def exposure_s(self) -> float:
-        """How long the light of one image is gathered."""
+        """Length of one exposure."""
         ...
 
     def camera(self, view: str) -> CameraModel:
-        """How a view truly sees; world = base frame."""
+        """Returns the true camera model of a view; world = base frame."""
         ...
 
     def image(self, view: str, index: int) -> Image:
-        """The ``index``-th image."""
+        """Returns the ``index``-th image."""
         ...
 
     def truth(self, view: str, index: int) -> ImageTruth:
-        """What that image shows of the catheter."""
+        """Returns the ground truth of that image: the catheter in it."""
         ...
 
     def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
-        """As a person at the bench has it."""
+        """Returns the scale as a person at the bench measures it."""
         ...
 
     def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
-        """What that person knows of the images of ``view``."""
+        """Returns the metadata of ``view`` that a person at the bench would know."""
         ...
 
     def values(self) -> dict[str, Any]:
-        """What is true of them, for the truth only."""
+        """Returns the true parameters of the images, for the ground truth only."""
         ...
 
 
 def view_names(settings: AnySimulationSettings) -> tuple[str, ...]:
-    """Names of the images' streams: "camera" for one, "a" and "b" for two."""
+    """Returns the names of the images' streams: "camera" for one, "a" and "b" for two."""
     return ("a", "b") if isinstance(settings, FluoroSettings) and settings.scene.planes == 2 else ("camera",)
 
 
@@ -84,25 +84,34 @@ def make_imaging(
     kept: IntArray,
     first_frame: int = 0,
 ) -> Imaging:
-    """The images of a session: ``times_s`` (m,) of all exposures, ``kept`` (n,): which of them became images.
+    """Makes the imaging of a session: a camera or a fluoroscope.
 
-    ``rngs``: of the session's bench, and of its catheter. ``first_frame``: what a camera counts its images from, which
-    its noise follows.
+    Args:
+        settings: settings of the bench.
+        session: the session.
+        rngs: random numbers of the session's bench, and of its catheter.
+        exposed: gives the shapes and the tissue during an exposure.
+        times_s: (m,) middle of all exposures.
+        kept: (n,) indices of the exposures that became images.
+        first_frame: number of the camera's first image in this session; the noise of an image follows from its number.
+
+    Returns:
+        The imaging, which draws each image when it is needed.
     """
     if isinstance(settings, FluoroSettings):
         return XrayImaging(settings, session.bench_model, rngs[0], exposed, times_s, kept)
     return CameraImaging(settings, session, rngs, exposed, times_s[kept], first_frame)
 
 
-_FRAMED = 400
-"""Instants of a session that tell where the catheter goes."""
+_MAX_FRAMING_INSTANTS = 400
+"""Largest number of instants of a session from which the camera's field of view is chosen."""
 
 
 def _framing(settings: SimulationSettings, session: Session) -> Framing:
-    """Where catheter and tissue go in what is planned of the session, after the approach."""
+    """Returns the region that catheter and tissue cover in the planned motion after the approach."""
     world, trajectory, wall = settings.world, session.trajectory, session.bench_model.wall
     rows = np.flatnonzero(trajectory.time_s > world.tare_s + APPROACH_S)
-    rows = rows[:: max(1, rows.size // _FRAMED)]
+    rows = rows[:: max(1, rows.size // _MAX_FRAMING_INSTANTS)]
     contact = trajectory.contact
     nodes = contact.rod.nodes_m(contact.quaternions[rows], contact.advance_m[rows])
     forward = np.asarray(wall.normal)[:2] / np.linalg.norm(np.asarray(wall.normal)[:2])
@@ -120,7 +129,7 @@ def _framing(settings: SimulationSettings, session: Session) -> Framing:
 
 
 class CameraImaging:
-    """One camera in front of the bench; ``times_s`` (n,) of its images."""
+    """One camera in front of the bench; ``times_s`` (n,): middle of the exposure of each image."""
 
     views = ("camera",)
 
@@ -160,41 +169,41 @@ class CameraImaging:
 
     @property
     def jpeg_quality(self) -> int:
-        """Of the images as recorded."""
+        """JPEG quality of the recorded images, 1 to 100."""
         return self.scene.jpeg_quality
 
     @property
     def exposure_s(self) -> float:
-        """The shutter's time."""
+        """Time for which the shutter is open."""
         return self.scene.exposure_s
 
     def camera(self, view: str = "camera") -> CameraModel:
-        """How it truly sees; world = base frame."""
+        """Returns the true camera model; world = base frame."""
         del view  # there is one
         return self.scene.camera(self.settings.width, self.settings.height)
 
     def image(self, view: str, index: int) -> Image:
-        """The ``index``-th image."""
+        """Returns the ``index``-th image."""
         del view
         time_s = float(self._times_s[index])
-        shapes, tissue = self._exposed(time_s, self.scene.exposure_s, _CAMERA_INSTANTS)
+        shapes, tissue = self._exposed(time_s, self.scene.exposure_s, _CAMERA_EXPOSURE_INSTANTS)
         return self.renderer.render(shapes, tissue, frame=self._first_frame + index, time_s=time_s)
 
     def truth(self, view: str, index: int) -> ImageTruth:
-        """What frame ``index`` shows of the catheter."""
+        """Returns the ground truth of frame ``index``: the catheter in the image."""
         del view
         time_s = float(self._times_s[index])
         shapes, tissue = self._exposed(time_s, self.scene.exposure_s, 1)
         return self.renderer.truth(shapes, tissue, time_s=time_s)
 
     def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
-        """Off by up to the stated share."""
+        """Returns the scale with an error of up to the stated share."""
         off = self.settings.scale_error
         scale = self.scene.lens.scale_m_per_px * (1.0 + float(rng.uniform(-off, off)))
         return scale * 640.0 / self.settings.width
 
     def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
-        """Scale, the side at which the catheter comes in, and how exactly the camera was set up."""
+        """Returns the scale, the side of the image of the catheter's base, and the uncertainty of the tilt."""
         del view
         scene = self.settings.scene
         return ViewInfo(
@@ -205,7 +214,7 @@ class CameraImaging:
         )
 
     def values(self) -> dict[str, Any]:
-        """The lens, and what was drawn of a varied scene."""
+        """Returns the lens, and the drawn parameters of a varied scene."""
         values: dict[str, Any] = {"lens": asdict(self.scene.lens)}
         if self.settings.scene.variety is not None:
             scene = self.scene
@@ -220,9 +229,9 @@ class CameraImaging:
 
 
 class XrayImaging:
-    """A fluoroscope in one plane or two, whose pulses coincide; ``times_s`` (m,) of all pulses.
+    """A fluoroscope in one plane or two, whose pulses coincide; ``times_s`` (m,): middle of each pulse.
 
-    Heart and breath of the patient are those of the wall.
+    The heart rate and the breathing rate of the patient are those of the wall.
     """
 
     def __init__(
@@ -249,7 +258,7 @@ class XrayImaging:
             ),
             rng,
         )
-        # the wall meets the tip at the sine's top, when the heart is emptied and the chest is full
+        # the wall meets the tip at the maximum of the sine, when the heart is contracted and the lungs are full
         rhythm = replace(
             scene.rhythm,
             heart_hz=parameters.beat_hz,
@@ -269,47 +278,47 @@ class XrayImaging:
 
     @property
     def jpeg_quality(self) -> int:
-        """Of the images as recorded."""
+        """JPEG quality of the recorded images, 1 to 100."""
         return self.settings.jpeg_quality
 
     @property
     def exposure_s(self) -> float:
-        """The pulse's time."""
+        """Length of one pulse."""
         return self.scene.views[0].beam.pulse_s
 
     def camera(self, view: str) -> CameraModel:
-        """How a view truly sees; world = base frame."""
+        """Returns the true camera model of a view; world = base frame."""
         return self.scene.camera(self.views.index(view), self.settings.width, self.settings.height)
 
     def image(self, view: str, index: int) -> Image:
-        """The ``index``-th image; what the detector still shows of earlier pulses is in it, dropped ones too."""
+        """Returns the ``index``-th image. It contains the detector's lag from earlier pulses, dropped ones included."""
         number, renderer = int(self._kept[index]), self._renderers[view]
         *before, now = [self._pulse(k) for k in range(max(0, number - renderer.memory), number + 1)]
         image = renderer.render(now.shapes_m, now.tissue, frame=now.frame, time_s=now.time_s, before=before)
-        return cast("Image", image)  # 8 bits, as asked for
+        return cast("Image", image)  # 8 bits
 
     def _pulse(self, number: int) -> Pulse:
         if number not in self._pulses:
             time_s = float(self._times_s[number])
-            shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, _XRAY_INSTANTS)
+            shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, _XRAY_EXPOSURE_INSTANTS)
             if len(self._pulses) >= _KEPT_PULSES:
                 del self._pulses[next(iter(self._pulses))]
             self._pulses[number] = Pulse(shapes, tissue, number, time_s)
         return self._pulses[number]
 
     def truth(self, view: str, index: int) -> ImageTruth:
-        """What frame ``index`` shows of the catheter."""
+        """Returns the ground truth of frame ``index``: the catheter in the image."""
         time_s = float(self._times_s[self._kept[index]])
         shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, 1)
         return self._renderers[view].truth(shapes, tissue, time_s=time_s)
 
     def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
-        """At the isocentre, by the first view's calibration."""
+        """Returns the scale at the isocentre, from the first view's calibration."""
         del rng  # its error was drawn with the scene
         return self.scene.views[0].stated.scale_m_per_px * 512.0 / self.settings.width
 
     def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
-        """Scale, the side at which the catheter comes in, and the view's calibration as stated."""
+        """Returns the scale, the side at which the catheter enters, and the view's calibration as stated."""
         size = self.settings.width, self.settings.height
         matrix = self.scene.views[self.views.index(view)].stated.camera(*size).projection_matrix
         a, b, c = ([float(f"{x:.8g}") for x in row] for row in matrix)
@@ -322,7 +331,7 @@ class XrayImaging:
         )
 
     def values(self) -> dict[str, Any]:
-        """Each view's true projection matrix, and where the base is in the frame that the calibration speaks of."""
+        """Returns each view's true projection matrix, and the base in the frame of the calibration."""
         pose = self.scene.patient_from_base
         return {
             "projection": {name: self.camera(name).projection_matrix.tolist() for name in self.views},

@@ -38,9 +38,15 @@ _DIGITS = {ADVANCE: 4, KNOB: 2, STAGE_FORWARD: 4, STAGE_ACROSS: 4}
 class SimulatedActuators:
     """The `Actuators` of a session: ``advance_mm``, ``knob_deg`` where there is a knob, and the stage's two axes.
 
-    Each plays the session's own programme until it is commanded or stopped. A command counts from the first instant
-    after ``clock``'s time; its effect begins after the axis's delay. ``reach`` lets the trajectory happen up to an
-    instant, exclusive, and holds ``lock`` meanwhile, so that another thread than the one that takes events may command.
+    Each axis follows the session's own programme until it is commanded or stopped. A command counts from the first
+    instant after ``clock``'s time; its effect begins after the axis's delay.
+
+    Args:
+        settings: settings of the world.
+        run: the trajectory in progress.
+        clock: clock of the commands.
+        reach: simulates the trajectory up to an instant, exclusive.
+        lock: lock that is held meanwhile, so that commands may come from another thread than the one that takes events.
     """
 
     def __init__(
@@ -62,11 +68,11 @@ class SimulatedActuators:
 
     @property
     def limits(self) -> Mapping[str, AxisLimits]:
-        """What each axis keeps to, in mm or degrees."""
+        """Limits of each axis, in mm or degrees."""
         return dict(self._limits)
 
     def command(self, targets: Mapping[str, float]) -> Commanded:
-        """Send axes on their way; see `Actuators.command`. Raises RuntimeError once the bench is closed."""
+        """Sends axes to targets; see `Actuators.command`. Raises RuntimeError once the bench is closed."""
         with self._lock:
             taken = Commanded.of(self._now_ns(), targets, self._limits)
             for name, target in taken.targets.items():
@@ -74,7 +80,7 @@ class SimulatedActuators:
             return taken
 
     def read(self) -> Actuation:
-        """Where the axes are at the clock's time, in whole steps."""
+        """Returns the positions of the axes at the clock's time, in whole steps."""
         now = self._now_ns()
         trajectory = self._run.trajectory
         row = min(instants_until(now * 1e-9), trajectory.time_s.size) - 1
@@ -92,7 +98,7 @@ class SimulatedActuators:
         return Actuation(now, values)
 
     def stop(self, *axes: str) -> None:
-        """Bring these axes, or all, to rest; see `Actuators.stop`."""
+        """Stops these axes, or all; see `Actuators.stop`."""
         refuse_unknown(axes, self._limits)
         with self._lock:
             now = self._now_ns()
@@ -127,15 +133,15 @@ class SimulatedActuators:
 _FIRST_IMAGE_STREAM = 3
 """The first stream of images in a schedule."""
 _BEHIND_NS = 50_000_000
-"""A simulation in real time that is so far behind goes on from there: on a slow computer it runs slower."""
+"""If a simulation in real time is late by more than this, its clock is set back: on a slow computer it runs slower."""
 _PACE_NS = 5_000_000_000
-"""Time over which the pace is taken."""
+"""Time over which the pace is measured."""
 _HALT_NS = 2_000_000_000
-"""A longer halt is none of a slow computer: something was compiled, or nobody took the events."""
+"""A longer delay is not due to a slow computer: code was compiled, or no thread took the events."""
 
 
 class RealTimeClock(SystemClock):
-    """The machine's clock, which stands still where the simulation is behind; it starts at ``start_ns``."""
+    """The machine's clock, which is set back where the simulation is late; it starts at ``start_ns``."""
 
     def __init__(self, start_ns: int) -> None:
         super().__init__(start_ns)
@@ -144,7 +150,7 @@ class RealTimeClock(SystemClock):
         self._lost: deque[tuple[int, int]] = deque()
 
     def wait_for(self, at_ns: int) -> None:
-        """Goes back to ``at_ns`` where that was more than 50 ms ago."""
+        """Sets the clock back to ``at_ns`` if that was more than 50 ms ago."""
         behind_ns = self.now_ns() - at_ns
         if behind_ns <= _BEHIND_NS:
             return
@@ -157,14 +163,14 @@ class RealTimeClock(SystemClock):
 
     @property
     def pace(self) -> float:
-        """Seconds of this clock in a second of the machine's, over the last five; 1 on a fast computer."""
+        """Seconds of this clock per second of the machine's clock, over the last five; 1 on a fast computer."""
         now_ns = self._machine.now_ns()
         lost_ns = sum(lost for at_ns, lost in tuple(self._lost) if at_ns >= now_ns - _PACE_NS)
         return max(0.0, 1.0 - lost_ns / min(_PACE_NS, max(1, now_ns - self._began_ns)))
 
 
 class _LiveSource(SimulatedBench):
-    """A session of ``plan`` that happens while it is looked at: its events, in the order in which they arrive."""
+    """A session of ``plan`` that is simulated while its events are read, in the order of their arrival."""
 
     def __init__(self, plan: SimulatedBench, run: TrajectoryIntegrator, *, real_time: bool, images: bool) -> None:
         super().__init__(plan.preset_settings, plan.seed, plan.number)
@@ -178,12 +184,12 @@ class _LiveSource(SimulatedBench):
 
     @property
     def session(self) -> Session:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """What is drawn: the truth."""
+        """The drawn session: the ground truth."""
         return self._plan.session
 
     @property
     def trajectory(self) -> Trajectory:
-        """What has happened so far."""
+        """The trajectory up to now."""
         return self.run.trajectory
 
     def _rows_known(self) -> int:
@@ -197,19 +203,19 @@ class _LiveSource(SimulatedBench):
 
     @cached_property
     def _instants_needed(self) -> tuple[IntArray, ...]:
-        """By stream: how many instants of the trajectory must have happened for each event."""
+        """By stream: the number of instants of the trajectory that must have been simulated for each event."""
         readings = self.readings
         needed = (readings.need_force, readings.stage.need, readings.joints.need)
         return *(need + 2 for need in needed), *(self._frames_need[self.arrived(view)] for view in self.views)
 
     @cached_property
     def _frames_need(self) -> IntArray:
-        """(n,): how many instants must have happened for each frame, whichever view it arrives in."""
+        """(n,): the number of instants that must have been simulated for each frame, in any view."""
         low, _ = self.interpolator.place(self.frame_s + 0.5 * self.imaging.exposure_s)
         return low + 2
 
     def reach(self, rows: int, now_ns: int | None = None) -> None:
-        """Let the first ``rows`` instants happen, and those besides that no command from ``now_ns`` on can change."""
+        """Simulates the first ``rows`` instants, and those that no command from ``now_ns`` on can change."""
         with self.lock:
             if rows > self.run.done:
                 now = self.clock.now_ns() if now_ns is None else now_ns
@@ -217,7 +223,7 @@ class _LiveSource(SimulatedBench):
                 self.readings.take(self.trajectory, self.run.final)
 
     def frames_so_far(self) -> IntArray:
-        """(n,): the frames whose exposure has happened."""
+        """Returns the indices (n,) of the frames whose exposure has been simulated."""
         return np.flatnonzero(self._frames_need <= self.run.done)
 
     def __iter__(self) -> Iterator[Event]:
@@ -235,17 +241,20 @@ class _LiveSource(SimulatedBench):
 
 
 class LiveSimulation:
-    """Session ``session`` of ``seed`` on the bench of ``settings``, as it happens. A context manager.
+    """Session ``session`` of ``seed`` on the bench of ``settings``, in progress. A context manager.
 
-    ``source``: its events, in the order in which a program at the bench would have them (see ``ClockSettings`` for
-    the delays); going on with it makes time go on. ``actuators``: its drives. ``clock``: simulated, which stands at
-    the event that came last, or with ``real_time`` the machine's, which it waits for. Without ``images`` none are
-    drawn. In real time, a slow computer runs it slower (`RealTimeClock.pace`).
+    While no drive is commanded the events are the same bytes as those of `SimulatedBench`. A command changes the
+    session from its own time on, after the drive's delay. On simulated time, the same commands after the same events
+    give the same bytes. Each new ``with`` statement starts the session again; the first one takes some seconds, because
+    the session is drawn and solved before. docs/simulation.md has a closed loop.
 
-    While nobody commands a drive the events are those of `SimulatedBench`, each of them the same bytes. A command
-    changes what happens from its own time on, after the drive's delay. On simulated time the same commands after the
-    same events give the same bytes. Entering it again begins the session anew; the first time takes some seconds, for
-    the session is drawn and tried out before. docs/simulation.md has a closed loop.
+    Args:
+        settings: settings of the bench; None: those of the preset ``bench-2021``.
+        seed: seed of all random numbers.
+        session: number of the session, from 0.
+        real_time: whether time is that of the machine. On a slow computer the session then runs slower
+            (`RealTimeClock.pace`). Otherwise time is simulated: it is the time of the last event.
+        images: whether images are drawn.
     """
 
     def __init__(
@@ -278,7 +287,7 @@ class LiveSimulation:
     @property
     def settings(self) -> AnySimulationSettings:
         """The settings of the bench, as they were drawn."""
-        return self._plan.settings
+        """The settings of this session's bench."""
 
     def _entered(self) -> tuple[_LiveSource, SimulatedActuators]:
         if self._begun is None:
@@ -287,7 +296,10 @@ class LiveSimulation:
 
     @property
     def source(self) -> SimulatedBench:
-        """The events, each once: who stops and goes on later gets the next one."""
+        """The events, each once, in the order of their arrival (see ``ClockSettings`` for the delays).
+
+        Time passes while they are read. A second iteration continues with the next event.
+        """
         return self._entered()[0]
 
     @property
@@ -307,6 +319,6 @@ class LiveSimulation:
         return float(np.linalg.norm(source.trajectory.contact.force_n[max(0, row)]))
 
     def truth(self) -> Truth:
-        """What really was in every frame so far: for evaluation only. Of drives it holds what was commanded."""
+        """Returns the ground truth of every frame up to now, with the commands of the drives; for evaluation only."""
         source = self._entered()[0]
         return collect_truth(source, source.frames_so_far())

@@ -1,4 +1,4 @@
-"""The logs of a session as a laboratory's loggers leave them beside the video: tables, and ``bench.toml``."""
+"""The logs of a session, in the form in which a laboratory has them beside the video: tables, and ``bench.toml``."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,10 +11,15 @@ from ._bench import SimulatedBench
 
 
 def write_logs(bench: SimulatedBench, folder: Path) -> None:
-    """``force.csv``, ``stage.csv`` and ``bench.toml`` of a session, and ``knob.csv`` where the knob moves.
+    """Writes ``force.csv``, ``stage.csv`` and ``bench.toml`` of a session, and ``knob.csv`` if the knob moves.
 
     Force readings are tip-on-tissue in the sensor's frame, on the sensor's own clock; the stage's commands and the knob
-    are on the camera's. ``bench.toml``: what a person at the bench would write down, nothing of the truth.
+    are on the camera's clock. ``bench.toml`` holds the facts that a person at the bench would write down, not the
+    truth.
+
+    Args:
+        bench: the simulated session.
+        folder: existing folder for the files.
     """
     log = bench.log
     wrench = {f"f{axis}_n": log.force_n[:, place] for place, axis in enumerate("xyz")}
@@ -31,7 +36,7 @@ def write_logs(bench: SimulatedBench, folder: Path) -> None:
 
 
 def _table(path: Path, stamp_ns: IntArray, columns: Mapping[str, FloatArray]) -> None:
-    """Seconds to the microsecond, values as far as their sensor tells them apart."""
+    """Writes seconds to the microsecond, values to the resolution of their sensor."""
     rows = np.column_stack([stamp_ns * 1e-9, *columns.values()]) + 0.0  # no minus before a zero
     line = "%.6f" + ",%.6g" * len(columns)
     np.savetxt(path, rows, fmt=line, header=",".join(["time_s", *columns]), comments="", encoding="utf-8")

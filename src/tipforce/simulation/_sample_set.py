@@ -1,4 +1,4 @@
-"""Sets of single images: which sessions they come from, and which of their frames are taken."""
+"""Sets of single images: the sessions from which they come, and the frames that are taken from each."""
 
 from typing import Annotated
 
@@ -13,10 +13,10 @@ from ._imaging import view_names
 from ._settings import AnySimulationSettings
 from .world import APPROACH_S, FAST, require_long_enough
 
-_FIRST = 100_000
-"""Recordings are sessions 0 to 999 of a seed: what single images are taken from is never one of them."""
-_OFFSET_MS = 0.5
-"""Standard deviation of a clock offset as it is found in a minute of recording."""
+_FIRST_SESSION = 100_000
+"""Number of the first session for single images. Recordings are sessions 0 to 999 of a seed, so none is used twice."""
+_CLOCK_OFFSET_SD_MS = 0.5
+"""Standard deviation of a clock offset that is determined in a minute of recording."""
 
 
 class SampleSet(Settings):
@@ -27,25 +27,35 @@ class SampleSet(Settings):
     samples: Annotated[int, Field(ge=1, le=100_000_000)]
     per_session: Annotated[int, Field(ge=1, le=1_000_000)]
     before_share: Share
-    """Of the images: before the tip is brought to the wall."""
+    """Share of the images from the time before the tip is brought to the wall."""
 
     @property
     def sessions(self) -> int:
-        """How many are needed."""
+        """Number of sessions."""
         return -(-self.samples // self.per_session)
 
     @property
     def views(self) -> tuple[str, ...]:
-        """Of each sample."""
+        """Names of the views of each sample."""
         return view_names(self.settings)
 
     def bench(self, number: int) -> SimulatedBench:
-        """The ``number``-th session, from 0; the name tells preset, seed and number."""
+        """Returns the ``number``-th session, from 0; its name contains preset, seed and number."""
         name = f"{self.settings.preset.replace(' ', '-')}-{self.seed}-{number:05d}"
-        return SimulatedBench(self.settings, self.seed, _FIRST + number, resolution=FAST, name=name)
+        return SimulatedBench(self.settings, self.seed, _FIRST_SESSION + number, resolution=FAST, name=name)
 
     def frames(self, bench: SimulatedBench, number: int) -> IntArray:
-        """(k,) frames that are taken of the session, sorted: at random, so many of them before contact as stated."""
+        """Returns the indices (k,) of the frames that are taken of the session, sorted.
+
+        They are drawn at random; the share of frames before contact is ``before_share``.
+
+        Args:
+            bench: the session.
+            number: its number in this set, from 0.
+
+        Returns:
+            (k,) indices of frames.
+        """
         rng = self._rng(number, 6)
         count = min(self.per_session, self.samples - number * self.per_session)
         world = self.settings.world
@@ -59,24 +69,36 @@ class SampleSet(Settings):
         return np.sort(np.concatenate(chosen))
 
     def offset_ms(self, bench: SimulatedBench, number: int) -> float:
-        """The force log's clock offset as a person at the bench knows it, at the middle of the session."""
+        """Returns the clock offset of the force log at the middle of the session, with the error of a measurement."""
         log = bench.log
         middle = len(log.true_s) // 2
         true_ms = 1e3 * float(log.true_s[middle] - 1e-9 * log.stamp_ns[middle])
-        return true_ms + float(self._rng(number, 7).normal(0.0, _OFFSET_MS))
+        return true_ms + float(self._rng(number, 7).normal(0.0, _CLOCK_OFFSET_SD_MS))
 
     def _rng(self, number: int, purpose: int) -> np.random.Generator:
-        return np.random.default_rng([self.seed, _FIRST + number, purpose])
+        return np.random.default_rng([self.seed, _FIRST_SESSION + number, purpose])
 
 
 def sample_set(
     settings: AnySimulationSettings, *, seed: int, samples: int, per_session: int, seconds: float | None = None
 ) -> SampleSet:
-    """A set of single images of a preset's (or other) bench, from sessions of ``seconds``.
+    """Makes a set of single images of the bench of ``settings``.
 
-    None: as long as the stretch in which the preset's own motion is solved, two breaths, where the knob stands still;
-    the preset's length where it moves. As many images are from before the contact as in sessions of full length.
-    Raises InputError where a session is too short, or has too few frames.
+    Its share of images before the contact is that of sessions of full length.
+
+    Args:
+        settings: settings of the bench, for instance of a preset.
+        seed: seed of all random numbers.
+        samples: number of images.
+        per_session: number of images that are taken of each session.
+        seconds: length of each session. None: tare, approach and two breaths, or the length in ``settings`` if that is
+            shorter or the knob moves.
+
+    Returns:
+        The set.
+
+    Raises:
+        InputError: a session is too short, or has too few frames.
     """
     world = settings.world
     before = (world.tare_s + APPROACH_S) / world.seconds

@@ -1,4 +1,4 @@
-"""Many sessions as files with the ground truth of each: in all cores at once, and none of them twice."""
+"""Writes sessions as files, with the ground truth of each, in parallel; sessions that exist are kept."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -17,7 +17,16 @@ from .world import require_long_enough
 
 
 def require_same_settings(place: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    """Raises InputError where the session at ``place`` was made from something else than ``wanted``."""
+    """Checks that the session at ``place`` was made with the settings ``wanted``.
+
+    Args:
+        place: path of the session, for the message.
+        found: settings of the session in the file.
+        wanted: expected settings.
+
+    Raises:
+        InputError: a setting differs.
+    """
     for key, value in json.loads(json.dumps(wanted)).items():  # numbers of a tuple come back as a list
         if found.get(key) != value:
             difference = f"{key} = {found.get(key)}, not {value}" if not isinstance(value, dict) else f"another {key}"
@@ -27,8 +36,8 @@ def require_same_settings(place: Path, found: Mapping[str, Any], wanted: Mapping
 
 
 WriteSession = Callable[[SimulatedBench, Path, Callable[[], None]], None]
-"""Writes a session to a path that does not exist yet, whole or not at all; calls the function after every frame. Must
-be importable by another process."""
+"""Writes a session to a path that does not exist yet, the whole session or none; calls the function after every frame.
+Must be importable by another process."""
 
 
 def _place(root: Path, suffix: str, number: int) -> Path:
@@ -50,7 +59,7 @@ def _work(
 
 
 def _is_done(target: Path, settings: AnySimulationSettings, seed: int, number: int) -> bool:
-    """Whether ``target`` holds this very session; InputError where it holds another."""
+    """Whether ``target`` holds this very session; raises InputError if it holds another."""
     if not target.exists():
         return False
     require_same_settings(target, read_truth(target).settings, settings_record(settings, seed, number))
@@ -69,12 +78,24 @@ def simulate(
     executor: Executor | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> list[Path]:
-    """Simulates ``sessions`` sessions into ``folder``: what ``write`` makes of each, with its ground truth.
+    """Simulates ``sessions`` sessions into ``folder``, each with its ground truth. Sessions that exist there are kept.
 
-    ``suffix``: of the paths that ``write`` gets, as in ``session_00.mcap``; empty for a session that is a folder. Those
-    that stand there already are kept. ``executor``: where it is done; by default in ``workers`` processes, as many as
-    there are cores, a single one is this process. Returns the paths, old and new. Raises InputError where a file holds
-    a session of other settings, or a session is too short.
+    Args:
+        folder: folder of the sessions.
+        write: writes one session.
+        settings: settings of the bench; None: those of the preset ``bench-2021``.
+        suffix: suffix of the paths, as in ``session_00.mcap``; empty for a session that is a folder.
+        sessions: number of sessions.
+        seed: seed of all random numbers.
+        workers: number of processes, by default as many as there are cores; 1: this process.
+        executor: runs the work in place of these processes.
+        progress: called with a text and the finished share, 0 to 1.
+
+    Returns:
+        The paths of all sessions, old and new.
+
+    Raises:
+        InputError: a file holds a session of other settings, or a session is too short.
     """
     settings = settings or SimulationSettings()
     require_long_enough(settings.world)

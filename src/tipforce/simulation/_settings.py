@@ -22,16 +22,16 @@ from .world.settings import (
 
 class _BenchSettings(Settings):
     preset: str = "bench-2021"
-    """Where the settings come from; those that were changed carry another name."""
+    """Name of the settings; changed settings have another name."""
     world: WorldSettings = WorldSettings()
 
 
 _Side = Annotated[int, Field(ge=160, le=4096, multiple_of=2)]
-"""Of an image, px."""
+"""Width or height of an image in px."""
 
 
 class CameraChoice(Settings):
-    """Cameras, and where they stand: of each list one a session, each as likely."""
+    """Cameras and their orientation: one entry of each list is drawn for a session, with equal probability."""
 
     sizes: Annotated[tuple[tuple[_Side, _Side], ...], Field(min_length=1)]
     fps: Annotated[tuple[Annotated[float, Field(gt=0, le=240)], ...], Field(min_length=1)]
@@ -39,18 +39,23 @@ class CameraChoice(Settings):
 
 
 class SimulationSettings(_BenchSettings):
-    """A bench: the world that is pressed on and measured, and the camera that looks at it."""
+    """A bench: the world, which is pressed and measured, and the camera that images it."""
 
     scene: SceneRanges = SceneRanges()
     scale_error: float = Field(default=0.01, ge=0, lt=1)
-    """The image's scale is measured with a uniform error within +- this share."""
+    """The scale of the image is measured with a uniform error of at most +- this share."""
     width: int = Field(default=640, ge=160, le=4096, multiple_of=2)
     height: int = Field(default=480, ge=120, le=4096, multiple_of=2)
     cameras: CameraChoice | None = Field(default=None, exclude_if=operator.not_)
-    """Drawn for each session, instead of one camera for all; see `of_session`."""
+    """A camera is drawn from these for each session; None: one camera for all. See `of_session`."""
 
     def of_session(self, seed: int, session: int) -> "SimulationSettings":
-        """The same with the camera of one session."""
+        """Returns the settings with the camera of one session.
+
+        Args:
+            seed: seed of all random numbers.
+            session: number of the session, from 0.
+        """
         if self.cameras is None:
             return self
         rng = np.random.default_rng([seed, session, 8])
@@ -70,9 +75,9 @@ class SimulationSettings(_BenchSettings):
 
 
 class FluoroSettings(_BenchSettings):
-    """A bench inside a chest: the same world, and the fluoroscope that looks at it, in one plane or two.
+    """A bench inside a chest: the same world, and the fluoroscope that images it, in one plane or two.
 
-    The device's diameter and tip, the heart's rate and the breath's are the world's, whatever ``scene`` says of them.
+    The device's diameter and tip, the heart rate and the breathing rate are those of the world, not those of ``scene``.
     """
 
     preset: str = "fluoro"
@@ -108,7 +113,7 @@ _IN_SPACE = _MANY_CATHETERS.model_copy(
         "clock": ClockSettings(fps=15.0),
     }
 )
-"""Bend and wall leave the plane: nothing in a heart knows of a plane."""
+"""Shaft and wall are out of the image plane, as in a heart."""
 
 _OTHER_BENCHES = _MANY_CATHETERS.model_copy(
     update={
@@ -234,5 +239,5 @@ PRESETS: dict[str, AnySimulationSettings] = {
         ),
     ),
 }
-"""By name; ``bench-2021``, ``generalise``, ``fluoro``, ``biplane``, ``varied``, ``thesis-2021-plain`` and
-``thesis-2021`` are frozen: a change makes a new name."""
+"""Presets by name. ``bench-2021``, ``generalise``, ``fluoro``, ``biplane``, ``varied``, ``thesis-2021-plain`` and
+``thesis-2021`` are frozen: a changed preset gets a new name."""

@@ -1,4 +1,4 @@
-"""A session's trajectory at any time, and the readings that its instruments take of it."""
+"""A session's trajectory at any time, and the readings of its instruments."""
 
 from collections.abc import Callable
 
@@ -8,49 +8,68 @@ from ..types import ADVANCE, JOINTS, KNOB, STAGE, STAGE_ACROSS, STAGE_FORWARD, A
 from .rendering.camera import TissueState
 from .world import LEAD_S, STEP_S, BenchModel, ForceSensor, Resolution, SensorLoad, Trajectory, smooth_centrelines
 
-_POINTS = 97
-"""Of the true centreline: half a millimetre apart."""
+_CENTRELINE_POINTS = 97
+"""Number of points of the true centreline, about 0.5 mm apart."""
 
 
 class TrajectoryInterpolator:
-    """Interpolates the trajectory of a session, also of one that is still in progress: only what has happened so far.
+    """Interpolates the trajectory of a session; of a session in progress: up to the last simulated instant.
 
-    It knows nothing of the bench, whose images hold it: a bench that is no longer used goes at once, with all that
-    is painted.
+    It holds no reference to the bench: when a bench is no longer used, its memory with all painted layers is freed
+    immediately.
     """
 
     def __init__(self, trajectory: Trajectory, bench_model: BenchModel, resolution: Resolution) -> None:
         self._trajectory, self._bench_model, self._resolution = trajectory, bench_model, resolution
 
     def place(self, time_s: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Instant before each time, and how far it is from there to the next."""
+        """Returns the index of the instant before each time, and the share of the step from there to the next one."""
         place = (time_s + LEAD_S) / (STEP_S * self._resolution.every)
         low = np.clip(np.floor(place).astype(np.int64), 0, self._trajectory.time_s.size - 2)
         return low, place - low
 
     def nearest(self, time_s: FloatArray) -> IntArray:
-        """(k,) the trajectory's instants nearest to ``time_s``."""
+        """Returns the indices (k,) of the trajectory's instants nearest to ``time_s``."""
         low, share = self.place(time_s)
         return low + (share >= 0.5)
 
     def at(self, values: FloatArray, time_s: FloatArray) -> FloatArray:
-        """``values`` (m, ...) of the trajectory at ``time_s`` (k,): linear between instants."""
+        """Interpolates ``values`` of the trajectory linearly between instants.
+
+        Args:
+            values: (m, ...) values at the instants.
+            time_s: (k,) times.
+
+        Returns:
+            (k, ...) values at these times.
+        """
         low, share = self.place(time_s)
         part = share.reshape(-1, *[1] * (values.ndim - 1))
         return values[low] * (1 - part) + values[low + 1] * part
 
     def lines_m(self, time_s: FloatArray) -> FloatArray:
-        """(k, points, 3): the centreline at ``time_s`` (k,), base frame, base to apex, uniform in arc length."""
+        """Returns the centreline (k, points, 3) at ``time_s`` (k,): base frame, base to apex, uniform in arc length."""
         low, share = self.place(time_s)
         trajectory, rod = self._trajectory, self._bench_model.rod
         before, after = (
-            smooth_centrelines(rod, trajectory.contact.quaternions[rows], _POINTS, trajectory.advance_m[rows])
+            smooth_centrelines(
+                rod, trajectory.contact.quaternions[rows], _CENTRELINE_POINTS, trajectory.advance_m[rows]
+            )
             for rows in (low, low + 1)
         )
         return before + share[:, None, None] * (after - before)
 
     def exposure(self, middle_s: float, length_s: float, count: int) -> tuple[FloatArray, TissueState]:
-        """Shapes (count, points, 3) and tissue, evenly over an exposure; of one instant: its middle."""
+        """Returns shapes and tissue at evenly spaced instants of an exposure.
+
+        Args:
+            middle_s: middle of the exposure.
+            length_s: its length.
+            count: number of instants; 1: the middle.
+
+        Returns:
+            Shapes (count, points, 3) in the base frame, and the tissue.
+        """
         times = middle_s + 0.5 * length_s * (np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1))
         trajectory = self._trajectory
         now = np.array([middle_s])
@@ -63,11 +82,11 @@ class TrajectoryInterpolator:
 
 
 Place = Callable[[FloatArray], tuple[IntArray, FloatArray]]
-"""Times (k,) -> the trajectory's instant before each, and how far it is from there to the next."""
+"""Times (k,) -> index of the instant before each, and share of the step from there to the next one."""
 _STAGE_HZ = 100.0
 _KNOB_HZ = 50.0
-_SENSOR_BELOW_M = 0.02
-"""From the tissue's surface to the sensor's origin."""
+_SENSOR_DEPTH_M = 0.02
+"""Distance from the tissue's surface to the sensor's origin."""
 
 
 class _ReadingLog:
@@ -80,10 +99,10 @@ class _ReadingLog:
         self.values = np.zeros((times.size, len(names)))
         self._low, self._share = place(times)
         self.need = self._low + 2
-        """Instants of the trajectory that must have happened for each row to be read."""
+        """Number of instants of the trajectory that must have been simulated before a row can be read."""
 
     def take(self, columns: tuple[tuple[FloatArray, float], ...], first: int, end: int) -> None:
-        """The readings from ``first`` to ``end``, exclusive, of the trajectory's ``columns``, each with its unit."""
+        """Takes the readings from ``first`` to ``end``, exclusive, of ``columns``, each multiplied by its factor."""
         low, part = self._low[first:end], self._share[first:end]
         for k, (column, unit) in enumerate(columns[: len(self.names)]):
             value = unit * (column[low] * (1 - part) + column[low + 1] * part)
@@ -91,10 +110,10 @@ class _ReadingLog:
 
 
 class Readings:
-    """Force sensor, stage and joints of a session; the same however often `take` is called on the way.
+    """Force sensor, stage and joints of a session. The readings do not depend on the number of calls of `take`.
 
-    ``log``: the sensor's; ``need_force``, ``stage.need``, ``joints.need``: how many instants of the trajectory must
-    have happened for each reading.
+    ``log``: readings of the force sensor. ``need_force``, ``stage.need``, ``joints.need``: number of instants of the
+    trajectory that must have been simulated before each reading.
     """
 
     def __init__(self, bench_model: BenchModel, place: Place, rng: np.random.Generator) -> None:
@@ -104,14 +123,14 @@ class Readings:
         self.sensor = ForceSensor(world.sensor, world.clock, angle, world.seconds + 0.2, rng)
         self.log = self.sensor.log
         self._low, _ = place(self.log.true_s)
-        self.need_force = self._low + 3  # one more, for the trajectory's stamps are not exact
+        self.need_force = self._low + 3  # one more, because the trajectory's stamps are not exact
         names = (KNOB, ADVANCE) if world.clamp.logged else (KNOB,)
         self.stage = _ReadingLog(_STAGE_HZ, world.seconds, (STAGE_FORWARD, STAGE_ACROSS), 4, place)
         self.joints = _ReadingLog(_KNOB_HZ, world.seconds, names, 2, place)
         self._taken = [0, 0, 0]
 
     def take(self, trajectory: Trajectory, rows: int) -> None:
-        """Read what the first ``rows`` instants of ``trajectory`` allow for."""
+        """Takes all readings that the first ``rows`` instants of ``trajectory`` allow."""
         rows = len(trajectory.time_s) + 1 if rows == len(trajectory.time_s) else rows
         for k, need in enumerate((self.need_force, self.stage.need, self.joints.need)):
             first, end = self._taken[k], int(np.searchsorted(need, rows, side="right"))
@@ -127,7 +146,7 @@ class Readings:
                 self.joints.take(((trajectory.knob_deg, 1.0), (trajectory.advance_m + self._home_m, 1e3)), first, end)
 
     def _load(self, trajectory: Trajectory, rows: slice) -> SensorLoad:
-        origin = trajectory.wall_m[rows] + _SENSOR_BELOW_M * self.bench_model.forward
+        origin = trajectory.wall_m[rows] + _SENSOR_DEPTH_M * self.bench_model.forward
         contact = trajectory.contact
         side = None
         if self.bench_model.wall.side_stiffness_n_per_m2 > 0.0:
@@ -141,10 +160,10 @@ class Readings:
         )
 
     def wrench(self, row: int) -> Wrench:
-        """A reading of the force sensor, stamped by its own clock."""
+        """Returns a reading of the force sensor, stamped by its own clock."""
         return Wrench(int(self.log.stamp_ns[row]), self.log.force_n[row], self.log.torque_nm[row], frame="sensor")
 
     def actuation(self, log: _ReadingLog, row: int) -> Actuation:
-        """A reading of ``stage`` or ``joints``."""
+        """Returns a reading of ``stage`` or ``joints``."""
         values = dict(zip(log.names, log.values[row].tolist(), strict=True))
         return Actuation(int(log.stamp_ns[row]), values, STAGE if log is self.stage else JOINTS)
