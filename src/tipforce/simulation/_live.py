@@ -286,8 +286,8 @@ class LiveSimulation:
 
     @property
     def settings(self) -> AnySimulationSettings:
-        """The settings of the bench, as they were drawn."""
         """The settings of this session's bench."""
+        return self._plan.settings
 
     def _entered(self) -> tuple[_LiveSource, SimulatedActuators]:
         if self._begun is None:

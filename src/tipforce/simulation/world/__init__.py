@@ -1,4 +1,4 @@
-"""The world of a simulated bench: catheter, tissue, stage, force sensor, clocks. Knows nothing of images."""
+"""The world of a simulated bench: catheter, tissue, stage, force sensor, clocks. It does not depend on the images."""
 
 from ._bench_model import BenchModel, build_bench_model, smooth_centrelines
 from ._drives import Axis, AxisModel, Drive

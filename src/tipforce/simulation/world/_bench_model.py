@@ -1,4 +1,4 @@
-"""The model of a session's bench: rod, wall, where they meet, and the smooth centreline through the rod's nodes."""
+"""The model of a session's bench: rod, wall, point of first contact, and the smooth centreline through the nodes."""
 
 import math
 from dataclasses import dataclass, replace
@@ -17,12 +17,19 @@ _SEGMENT_M = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BenchModel:
-    """A session's rod and wall, and where they meet. Directions in the base frame.
+    """A session's rod and wall, and the point of first contact. Directions in the base frame.
 
-    ``forward``, ``across`` (3,): the stage's axes; ``forward`` points into the nominal wall, so the tissue comes
-    forward against it. ``touch_m`` (3,): a point of the wall's surface when it just meets the tip as it hangs under
-    ``touch_curvature_per_m``. ``support_m``: how far the unloaded dome reaches along the wall's normal, over
-    ``support_curvature_per_m``, both (k,).
+    Attributes:
+        parameters: the drawn parameters of the session.
+        rod: the catheter.
+        wall: the tissue.
+        forward: (3,) axis of the stage into the nominal wall; the tissue moves against it when the stage goes forward.
+        across: (3,) the stage's other axis.
+        touch_m: (3,) point of the wall's surface when it just touches the tip at the start of the session.
+        touch_reach_m: distance of the dome's centre from the clamp along the wall's normal, at first contact.
+        support_curvature_per_m: (k,) curvatures of the unloaded shaft.
+        support_m: (k,) distance of the dome's centre along the wall's normal at these curvatures.
+        settings: settings of the world.
     """
 
     parameters: SessionParameters
@@ -38,25 +45,40 @@ class BenchModel:
 
     @property
     def radius_m(self) -> float:
-        """Of the electrode and its dome."""
+        """Radius of the electrode and its dome."""
         return 0.5 * self.parameters.device.diameter_m
 
     def directed(self, stage: FloatArray) -> FloatArray:
-        """(m, 2) of the stage's axes -> (m, 3) in the base frame. Forward, the tissue comes against the tip."""
+        """Returns positions (m, 2) on the stage's axes in the base frame (m, 3); forward is against the tip."""
         return times(stage, np.stack([-self.forward, self.across]))
 
     def curvature_per_m(self, transmitted_deg: FloatArray, drift: FloatArray) -> FloatArray:
-        """(m,) of the unloaded shaft in its plane of bending, from the knob behind its play and the relative drift."""
+        """Returns the curvature of the unloaded shaft in its plane of bending.
+
+        Args:
+            transmitted_deg: (m,) angle of the knob behind its play.
+            drift: (m,) relative drift of the curvature.
+
+        Returns:
+            (m,) curvatures.
+        """
         return self.settings.actuation.gain_per_m_deg * self.parameters.knob_factor * transmitted_deg * (1.0 + drift)
 
     def reach_m(self, curvature_per_m: FloatArray) -> FloatArray:
-        """(m,) curvature of the unloaded shaft -> (m,) how far its dome reaches beyond first touch, along the stage."""
+        """Returns the reach of the unloaded dome beyond first contact, along the stage.
+
+        Args:
+            curvature_per_m: (m,) curvature of the unloaded shaft.
+
+        Returns:
+            (m,) distances.
+        """
         reach = np.interp(curvature_per_m, self.support_curvature_per_m, self.support_m)
         return (reach - self.touch_reach_m) / float(self.forward @ self.wall.normal)
 
 
 def _tip_of(rod: SpatialRod, curvature_per_m: float, radius_m: float) -> tuple[FloatArray, FloatArray]:
-    """Middle of the dome and the electrode's direction, of the rod without load."""
+    """Returns the centre of the dome and the direction of the electrode, of the rod without load."""
     strain = np.asarray(rod.precurvature_per_m) + np.array([0.0, 0.0, curvature_per_m])
     nodes = rod.nodes_m(replace(rod, precurvature_per_m=strain).unloaded_quaternions)
     axis = nodes[-1] - nodes[-2]
@@ -65,7 +87,7 @@ def _tip_of(rod: SpatialRod, curvature_per_m: float, radius_m: float) -> tuple[F
 
 
 def _profile(shaft: ShaftSettings, joints: FloatArray) -> FloatArray:
-    """Factors on EI at ``joints`` (k,), shares of the flexible length."""
+    """Returns the factors on EI at ``joints`` (k,), given as shares of the flexible length."""
     profile = np.where(joints < 1 / 3, 1.0 + shaft.proximal_stiffer, 1.0)
     if shaft.stiffness_knots:
         places, factors = np.transpose(shaft.stiffness_knots)
@@ -76,14 +98,23 @@ def _profile(shaft: ShaftSettings, joints: FloatArray) -> FloatArray:
 def build_bench_model(
     settings: WorldSettings, parameters: SessionParameters, segment_m: float = _SEGMENT_M
 ) -> BenchModel:
-    """Rod, in segments of about so much, and wall of a session.
+    """Builds rod and wall of a session.
 
-    Raises ValueError where a drawn value has no physical meaning.
+    Args:
+        settings: settings of the world.
+        parameters: the drawn parameters.
+        segment_m: approximate length of the rod's segments.
+
+    Returns:
+        The bench model.
+
+    Raises:
+        ValueError: a drawn value has no physical meaning.
     """
     shaft, device = settings.shaft, parameters.device
     segments = max(20, round(device.flexible_length_m / segment_m))
     joints = np.linspace(0.0, 1.0, segments + 1)
-    relaxed = device.stiffness_nm2 / (1.0 + shaft.creep_share)  # EI is what answers at once
+    relaxed = device.stiffness_nm2 / (1.0 + shaft.creep_share)  # the drawn EI is the instantaneous one
     rod = SpatialRod(
         flexible_length_m=device.flexible_length_m,
         bending_stiffness_nm2=relaxed,
@@ -137,7 +168,7 @@ def _wall(settings: WallSettings, parameters: SessionParameters, normal: FloatAr
 
 @lru_cache(maxsize=16)
 def _weights(segments: int, flexible_m: float, length_m: float, points: int) -> tuple[FloatArray, FloatArray]:
-    """(points, segments + 3): of the shaft's nodes and its end slopes; (points,): way beyond the shaft's end."""
+    """Returns weights (points, segments + 3) of nodes and end slopes, and lengths (points,) beyond the shaft's end."""
     arc = np.linspace(0.0, flexible_m, segments + 1)
     unit = np.eye(segments + 3)
     spline = CubicSpline(arc, unit[: segments + 1], bc_type=((1, unit[-2]), (1, unit[-1])))  # pyright: ignore[reportArgumentType]
@@ -148,12 +179,19 @@ def _weights(segments: int, flexible_m: float, length_m: float, points: int) -> 
 def smooth_centrelines(
     rod: SpatialRod, quaternions: FloatArray, points: int, advance_m: float | FloatArray = 0.0
 ) -> FloatArray:
-    """(k, segments + 1, 4) -> (k, points, 3): base to tip, uniform in arc length, base frame.
+    """Returns smooth centrelines, base to tip, uniform in arc length, base frame.
 
-    ``advance_m`` (k,): how far the clamp has moved along x.
+    It is a cubic spline through the ends of the shaft's segments, tangent to clamp and electrode, then the straight
+    electrode. The corners of a polyline with segments of 1 mm would deviate by 0.01 px.
 
-    A cubic spline through the ends of the shaft's segments, tangent to clamp and electrode, then the straight
-    electrode: the corners of a polyline with segments of a millimetre would lie 0.01 px beside it.
+    Args:
+        rod: the rod.
+        quaternions: (k, segments + 1, 4) orientations of its elements.
+        points: number of points of a centreline.
+        advance_m: (k,) advance of the clamp along x.
+
+    Returns:
+        (k, points, 3) points.
     """
     nodes = rod.nodes_m(quaternions, advance_m)
     axis = (nodes[:, -1:] - nodes[:, -2:-1]) / rod.rigid_length_m
@@ -163,6 +201,6 @@ def smooth_centrelines(
 
 
 def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
-    """(n, k) times (k, m). The library that does it rounds one row alone in another way than two and more."""
+    """Returns the product of (n, k) and (k, m). The library rounds a single row in another way than two and more."""
     many = rows if len(rows) != 1 else np.repeat(rows, 2, axis=0)
     return (many @ matrix)[: len(rows)]

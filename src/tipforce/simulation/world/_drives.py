@@ -1,4 +1,4 @@
-"""A driven axis: commands go in, positions come out, within what the drive can do."""
+"""A driven axis: commands go in, positions come out, within the limits of the drive."""
 
 import math
 from bisect import bisect_right
@@ -14,8 +14,14 @@ from ...types import FloatArray
 class AxisModel:
     """A stepper or servo axis, in its own unit (m or degrees).
 
-    ``step``: what it can resolve. ``delay_s``: from a command to the beginning of its effect; ``lag_s``: time constant
-    with which what is driven follows the motor.
+    Attributes:
+        step: resolution.
+        max_speed: largest speed, per s.
+        max_acceleration: largest acceleration, per s^2.
+        delay_s: time from a command to the start of its effect.
+        lag_s: time constant with which the load follows the motor.
+        low: lower end of the travel.
+        high: upper end of the travel.
     """
 
     step: float
@@ -29,7 +35,7 @@ class AxisModel:
 
 @njit(cache=True, error_model="numpy")
 def _safe_speed(room: float, acceleration: float, dt_s: float) -> float:
-    """The fastest from which an axis that is commanded so each ``dt_s`` still comes to rest within ``room``."""
+    """Returns the largest speed from which an axis, commanded every ``dt_s``, still stops within ``room``."""
     step = acceleration * dt_s
     return -0.5 * step + math.sqrt(0.25 * step * step + 2.0 * acceleration * max(room - 0.125 * step * dt_s, 0.0))
 
@@ -46,9 +52,9 @@ def _follow(
     speed: float,
     out: FloatArray,
 ) -> tuple[float, float]:
-    """Time after time toward the command: as fast as it can, but able to stop there; NaN: to rest where it can.
+    """Follows the commands as fast as the axis can while it is able to stop there; NaN: it brakes to rest.
 
-    Returns place and speed.
+    Returns position and speed.
     """
     for row in range(commands.size):
         gap = min(max(commands[row], low), high) - place
@@ -69,7 +75,7 @@ def _follow(
 
 @njit(cache=True, error_model="numpy")
 def _lag(positions: FloatArray, share: float, place: float) -> float:
-    """Each of ``positions`` becomes where a first-order lag then is; returns the last."""
+    """Applies a first-order lag to ``positions`` in place; returns the last one."""
     for row in range(positions.size):
         place += share * (positions[row] - place)
         positions[row] = place
@@ -77,7 +83,7 @@ def _lag(positions: FloatArray, share: float, place: float) -> float:
 
 
 class Axis:
-    """Follows commands given at a fixed rate; it goes on from where the last ones left it.
+    """Follows commands that are given at a fixed rate; each call continues from the state after the last one.
 
     >>> axis = Axis(AxisModel(step=1e-5, max_speed=0.1, max_acceleration=1.0), dt_s=1e-3)
     >>> bool(axis.follow(np.array([0.05]))[0] < 1e-4)  # it has mass
@@ -90,7 +96,7 @@ class Axis:
         self._driven = start
 
     def follow(self, commands: FloatArray) -> FloatArray:
-        """(m,) commands, one each ``dt_s``, NaN to brake -> (m,) positions at the same instants, not yet in steps."""
+        """Returns the positions (m,), not in whole steps, for ``commands`` (m,), one each ``dt_s``, NaN to brake."""
         positions = np.empty(len(commands))
         model = self.model
         self._place, self._speed = _follow(
@@ -102,28 +108,28 @@ class Axis:
         return positions
 
     def resolved(self, positions: FloatArray) -> FloatArray:
-        """``positions`` in whole steps: what the axis comes to and reads back."""
+        """Returns ``positions`` in whole steps: the positions that the axis reaches and reads back."""
         steps = np.round(positions / self.model.step) * self.model.step
         return np.minimum(np.maximum(steps, self.model.low), self.model.high)
 
 
 class Drive:
-    """An axis over a session: it plays its ``programme`` (m,) until it is commanded.
+    """An axis over a session: it follows its ``programme`` (m,) until it is commanded.
 
-    ``by_hand``: the programme is where the axis really is, for a hand or nothing moves it, and the motor takes over
-    from there; otherwise the programme is what the motor is commanded.
+    ``by_hand``: the programme is the true position of the axis, which a hand moves or nothing moves, and the motor
+    takes over from there; otherwise the programme is the commands of the motor.
     """
 
     def __init__(self, model: AxisModel, dt_s: float, programme: FloatArray, *, by_hand: bool) -> None:
         self.model, self.dt_s, self.programme, self.by_hand = model, dt_s, programme, by_hand
         self.late = round(model.delay_s / dt_s)
-        """Instants from a command to its effect."""
+        """Number of instants from a command to its effect."""
         self._axis = None if by_hand else Axis(model, dt_s, start=float(programme[0]))
         self._rows: list[int] = []
         self._targets: list[float] = []
 
     def command(self, row: int, target: float) -> None:
-        """From instant ``row`` on the axis is commanded to go to ``target``; NaN: to brake. Rows never fall."""
+        """Commands the axis to go to ``target`` from instant ``row`` on; NaN: to brake. Rows never decrease."""
         self._rows.append(row)
         self._targets.append(target)
 
@@ -133,14 +139,14 @@ class Drive:
         return self._rows[0] + self.late if self._rows else None
 
     def commands(self, first: int, end: int) -> FloatArray:
-        """What the axis is commanded at the instants from ``first`` to ``end``; before the first one, as in that."""
+        """Returns the commands at the instants from ``first`` to ``end``; before instant 0, the first one."""
         commanded = self.programme[np.clip(np.arange(first, end), 0, None)]
         for index in range(max(0, bisect_right(self._rows, first) - 1), len(self._rows)):
             commanded[max(0, self._rows[index] - first) :] = self._targets[index]
         return commanded
 
     def run(self, first: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The next instants: what the axis is commanded, where it goes, and that in steps; (end - first,) each."""
+        """Returns commands, positions, and positions in steps at the next instants; (end - first,) each."""
         commanded, smooth = self.commands(first, end), self.programme[first:end].copy()
         places = smooth
         hand_over = self.taken_over

@@ -1,4 +1,4 @@
-"""The force sensor under the tissue: it rides on the stage, with its pose, bias, drift, noise, steps and clock."""
+"""The force sensor under the tissue: it moves with the stage and has a pose, bias, drift, noise, steps and a clock."""
 
 import math
 from dataclasses import dataclass
@@ -11,16 +11,19 @@ from ._bench_model import times
 from .settings import ClockSettings, SensorSettings
 
 GRAVITY_M_PER_S2 = np.array([0.0, 0.0, -9.80665])
-"""Base frame: the camera looks down on a level bench."""
+"""Base frame: the bench is level and the camera is above it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorLoad:
-    """What acts on the sensor, instant by instant on the bench's own time, in the base frame.
+    """Loads on the sensor at each instant of the bench's own time, in the base frame.
 
-    ``time_s`` (m,). ``force_n`` (m, 3): of the tip on the tissue. ``lever_m`` (m, 3): from the sensor's origin to
-    where the tip touches. ``acceleration_m_per_s2`` (m, 3): of the stage. ``side``: force and lever (m, 3) of the
-    shaft's side, where that touches.
+    Attributes:
+        time_s: (m,) time.
+        force_n: (m, 3) force of the tip on the tissue.
+        lever_m: (m, 3) from the sensor's origin to the point of contact.
+        acceleration_m_per_s2: (m, 3) acceleration of the stage.
+        side: force and lever (m, 3) of the side of the shaft; None if it does not touch.
     """
 
     time_s: FloatArray
@@ -32,12 +35,19 @@ class SensorLoad:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorLog:
-    """What the sensor's logger wrote, and what is true of it.
+    """The log of the sensor, and its true parameters.
 
-    ``stamp_ns`` (k,): the logger's clock, from its zero. ``force_n``, ``torque_nm`` (k, 3): the sensor's frame.
-    ``true_s`` (k,): when that really was, on the camera's clock. ``rotation`` (3, 3): base frame to the sensor's;
-    ``nominal_angle_deg``: what the person at the bench takes for it, a turn about z. ``offset_s``, ``drift``: camera
-    time = logger's time (1 + drift) + offset. ``bias_n`` (3,), ``drift_n_per_s`` (3,).
+    Attributes:
+        stamp_ns: (k,) the logger's clock, from its zero.
+        force_n: (k, 3) sensor frame.
+        torque_nm: (k, 3) sensor frame.
+        true_s: (k,) true time of each reading on the camera's clock.
+        rotation: (3, 3) from the base frame to the sensor's.
+        nominal_angle_deg: the rotation about z that a person at the bench would state.
+        offset_s: camera time = logger's time (1 + ``drift``) + ``offset_s``.
+        drift: see ``offset_s``.
+        bias_n: (3,) bias of the force.
+        drift_n_per_s: (3,) drift of the force.
     """
 
     stamp_ns: IntArray
@@ -55,8 +65,8 @@ class SensorLog:
 class ForceSensor:
     """Readings at the sensor's rate for ``seconds`` of its own clock, from its zero.
 
-    The sensor is screwed on with its x axis along the stage's normal, ``normal_angle_rad`` from the base frame's x,
-    a direction that is read off to whole degrees. The rows of ``log`` are filled by `take`.
+    The sensor is mounted with its x axis along the stage's normal, ``normal_angle_rad`` from the base frame's x;
+    this angle is stated in whole degrees. The rows of ``log`` are filled by `take`.
     """
 
     def __init__(
@@ -90,7 +100,7 @@ class ForceSensor:
         self._torque_noise_nm = settings.torque_noise_nm * rng.standard_normal((own.size, 3))
 
     def take(self, load: SensorLoad, first: int, end: int) -> None:
-        """The readings from ``first`` to ``end``, exclusive, all within the times of ``load``."""
+        """Takes the readings from ``first`` to ``end``, exclusive, all within the times of ``load``."""
         settings, log, rows = self.settings, self.log, slice(first, end)
         true = log.true_s[rows]
 
@@ -120,7 +130,19 @@ def read_sensor(
     seconds: float,
     rng: np.random.Generator,
 ) -> SensorLog:
-    """All readings of a `ForceSensor` under ``load`` at once."""
+    """Returns the log of a `ForceSensor` under ``load``.
+
+    Args:
+        settings: settings of the sensor.
+        clock: settings of its clock.
+        load: loads over the whole time.
+        normal_angle_rad: angle of the stage's normal in the base frame.
+        seconds: length of the log.
+        rng: random numbers.
+
+    Returns:
+        All readings.
+    """
     sensor = ForceSensor(settings, clock, normal_angle_rad, seconds, rng)
     sensor.take(load, 0, len(sensor.log.stamp_ns))
     return sensor.log

@@ -1,4 +1,4 @@
-"""A stage that a hand moves: slow presses, pauses, and fiddling about, with the tremor of a hand."""
+"""A stage that is moved by hand: slow presses, pauses and small irregular motions, with the tremor of a hand."""
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -6,22 +6,30 @@ from scipy.ndimage import gaussian_filter1d
 from ...types import FloatArray
 
 _KINDS = ("press", "pause", "fiddle")
-_SHARES = (0.45, 0.2, 0.35)
+_KIND_SHARES = (0.45, 0.2, 0.35)
 _PRESS_S, _HOLD_S, _PAUSE_S, _FIDDLE_S = (0.8, 5.0), (0.0, 2.5), (0.5, 3.0), (2.0, 7.0)
 _FIDDLE_HZ = (0.3, 1.5)
-"""Upper edge of the filtered noise, drawn for each stretch."""
-_TREMOR_HZ, _TREMOR = 9.0, 0.01
-"""Physiological tremor of a hand lies at 8 to 12 Hz; its standard deviation over the amplitude."""
-_SMOOTH_S = 0.06
-"""A hand does not start and stop at once."""
+"""Range of the upper edge of the filtered noise; one value is drawn for each section."""
+_TREMOR_HZ, _TREMOR_SHARE = 9.0, 0.01
+"""The physiological tremor of a hand is between 8 and 12 Hz; its standard deviation as a share of the amplitude."""
+_SMOOTHING_S = 0.06
+"""A hand needs this time to start and to stop."""
 
 
 def hand_wave(time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """(m,) from -1 to 1: one stretch after another, from where the last one ended; ``time_s`` (m,) evenly spaced."""
+    """Makes a motion of sections that each start at the end of the last one.
+
+    Args:
+        time_s: (m,) evenly spaced times.
+        rng: random numbers.
+
+    Returns:
+        (m,) positions from -1 to 1.
+    """
     step, count = float(time_s[1] - time_s[0]), time_s.size
     wave, filled, here = np.empty(count), 0, -1.0
     while filled < count:
-        kind = str(rng.choice(_KINDS, p=_SHARES))
+        kind = str(rng.choice(_KINDS, p=_KIND_SHARES))
         if kind == "press":
             part = _press(here, step, rng)
         elif kind == "pause":
@@ -32,7 +40,7 @@ def hand_wave(time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
         wave[filled : filled + part.size] = part
         filled, here = filled + part.size, float(part[-1])
     tremor = _noise(count, _TREMOR_HZ * step, rng)
-    wave = gaussian_filter1d(wave, _SMOOTH_S / step, mode="nearest") + _TREMOR * tremor
+    wave = gaussian_filter1d(wave, _SMOOTHING_S / step, mode="nearest") + _TREMOR_SHARE * tremor
     low, high = float(wave.min()), float(wave.max())
     return 2.0 * (wave - low) / (high - low) - 1.0
 
@@ -42,7 +50,7 @@ def _steps(seconds: tuple[float, float], step: float, rng: np.random.Generator) 
 
 
 def _press(here: float, step: float, rng: np.random.Generator) -> FloatArray:
-    """Forward to some depth, held, and back: each way along half a cosine."""
+    """Moves forward to some depth, holds, and moves back; each motion is half a cosine."""
     top, end = float(rng.uniform(min(max(here, -0.2), 0.9), 1.0)), float(rng.uniform(-1.0, -0.3))
     ways = [_ramp(here, top, _steps(_PRESS_S, step, rng)), np.full(_steps(_HOLD_S, step, rng), top)]
     return np.concatenate([*ways, _ramp(top, end, _steps(_PRESS_S, step, rng))])
@@ -53,7 +61,7 @@ def _ramp(start: float, end: float, count: int) -> FloatArray:
 
 
 def _fiddle(here: float, step: float, rng: np.random.Generator) -> FloatArray:
-    """Filtered noise that begins where the hand is and wanders off to another middle."""
+    """Returns filtered noise that starts at the present position and drifts to another mean."""
     count = _steps(_FIDDLE_S, step, rng)
     noise = _noise(count, float(rng.uniform(*_FIDDLE_HZ)) * step, rng)
     drift = np.linspace(here, float(rng.uniform(-0.7, 0.3)), count)
@@ -61,8 +69,8 @@ def _fiddle(here: float, step: float, rng: np.random.Generator) -> FloatArray:
 
 
 def _noise(count: int, cycles: float, rng: np.random.Generator) -> FloatArray:
-    """(count,) Gaussian noise of standard deviation 1 below some ``cycles`` per step."""
-    sigma = 0.5 / (np.pi * cycles)  # a Gaussian filter that has halved the power there, nearly
+    """Returns (count,) Gaussian noise of standard deviation 1 below some ``cycles`` per step."""
+    sigma = 0.5 / (np.pi * cycles)  # this Gaussian filter halves the power there, nearly
     noise = gaussian_filter1d(rng.standard_normal(count + round(8 * sigma)), sigma)
     noise = noise[round(4 * sigma) : round(4 * sigma) + count]
     return noise * np.sqrt(2.0 * np.sqrt(np.pi) * sigma)

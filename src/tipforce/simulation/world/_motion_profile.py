@@ -1,4 +1,4 @@
-"""The motion profile of a session before its amplitude is solved: knob, drift and waves."""
+"""The motion profile of a session, before its amplitude is solved: knob, drift and waves."""
 
 import math
 from dataclasses import dataclass, fields
@@ -14,7 +14,16 @@ from ._parameters import BY_HAND, SessionParameters
 
 
 def knob_trajectory(parameters: SessionParameters, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """(m,) the knob's angle over a session: still, or going to and fro with pauses of up to two seconds."""
+    """Makes the motion of the knob: at rest, or back and forth with pauses of up to two seconds.
+
+    Args:
+        parameters: the drawn parameters.
+        time_s: (m,) times.
+        rng: random numbers.
+
+    Returns:
+        (m,) angles in degrees.
+    """
     low, high, speed = parameters.knob_low_deg, parameters.knob_high_deg, parameters.knob_speed_deg_per_s
     if speed == 0.0 or high == low:
         return np.full(time_s.size, parameters.knob_low_deg)
@@ -29,7 +38,17 @@ def knob_trajectory(parameters: SessionParameters, time_s: FloatArray, rng: np.r
 
 
 def slow_drift(rms: float, correlation_s: float, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """(m,) a stationary Gauss-Markov course (Ornstein-Uhlenbeck), exact 200 times in its correlation time."""
+    """Makes a stationary Gauss-Markov process (Ornstein-Uhlenbeck), exact 200 times in its correlation time.
+
+    Args:
+        rms: standard deviation.
+        correlation_s: correlation time.
+        time_s: (m,) times.
+        rng: random numbers.
+
+    Returns:
+        (m,) values.
+    """
     knots = np.arange(time_s[0], time_s[-1] + correlation_s / 100, correlation_s / 200)
     keep = math.exp(-1 / 200)
     kicks = rng.standard_normal(knots.size)
@@ -39,22 +58,22 @@ def slow_drift(rms: float, correlation_s: float, time_s: FloatArray, rng: np.ran
 
 
 STEP_S = 1e-3
-"""Between instants of a session."""
+"""Time between two instants of a session."""
 LEAD_S, TRAIL_S = 0.5, 0.3
-"""Simulated before the first frame and after the last: the force log's clock lies off by less."""
+"""Times simulated before the first frame and after the last; the offset of the force log's clock is smaller."""
 APPROACH_S = 1.5
 CLEARANCE_M = 3e-3
-"""Between tip and wall where they are closest while the sensor is tared."""
+"""Smallest distance between tip and wall while the sensor is tared."""
 
 
 def instants_until(time_s: float) -> int:
-    """How many instants of a session lie at or before ``time_s`` on the camera's clock."""
+    """Returns the number of instants of a session that are not after ``time_s`` on the camera's clock."""
     return math.floor((time_s + LEAD_S) / STEP_S + 1e-6) + 1
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What is solved for: amplitude along the normal, and how far the stage stands off."""
+    """The solved motion: amplitude along the normal, and standoff, by which the whole motion is set back."""
 
     amplitude_m: float
     standoff_m: float
@@ -64,7 +83,7 @@ class Motion:
 class MotionProfile:
     """The motion of a session before its amplitude is known: (m,) each.
 
-    ``transmitted_deg``: the knob behind its play; ``drift``: relative, of the curvature that follows from it.
+    ``transmitted_deg``: the knob behind its play. ``drift``: relative drift of the curvature that follows from it.
     """
 
     time_s: FloatArray
@@ -77,21 +96,21 @@ class MotionProfile:
     breath_m: FloatArray
 
     def thinned(self, step: int, start_s: float, end_s: float) -> "MotionProfile":
-        """Every ``step``-th instant from ``start_s`` to ``end_s``."""
+        """Returns every ``step``-th instant from ``start_s`` to ``end_s``."""
         rows = np.flatnonzero((self.time_s >= start_s) & (self.time_s <= end_s))[::step]
         return MotionProfile(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def push_m(self, bench_model: BenchModel, amplitude_m: float) -> FloatArray:
-        """How far the wall would stand beyond first touch without standing off."""
+        """Returns how far (m,) the wall would be beyond first contact if the standoff were 0."""
         return amplitude_m * self.wave + self.breath_m + bench_model.reach_m(self.curvature_per_m)
 
     def standoff_m(self, bench_model: BenchModel, amplitude_m: float) -> float:
-        """What frees the tip for the wanted share of the beats."""
+        """Returns the standoff that leaves the tip free for the wanted share of the beats."""
         beating = self.time_s > bench_model.settings.tare_s + APPROACH_S
         return float(np.quantile(self.push_m(bench_model, amplitude_m)[beating], bench_model.parameters.free_share))
 
     def programme_m(self, bench_model: BenchModel, motion: Motion) -> FloatArray:
-        """(m, 2): commands of the stage, forward and across; at first out of the tip's reach, for the tare."""
+        """Returns commands (m, 2) of the stage, forward and across; during the tare it is out of the tip's reach."""
         push = self.push_m(bench_model, motion.amplitude_m)
         near = np.clip((self.time_s - bench_model.settings.tare_s) / APPROACH_S, 0.0, 1.0)
         away = (1.0 - near * near * (3.0 - 2.0 * near)) * (push.max() - motion.standoff_m + CLEARANCE_M)
@@ -100,7 +119,16 @@ class MotionProfile:
 
 
 def compose_motion(bench_model: BenchModel, time_s: FloatArray, rng: np.random.Generator) -> MotionProfile:
-    """Knob, drift and waves over ``time_s``, evenly spaced."""
+    """Composes knob, drift and waves.
+
+    Args:
+        bench_model: the bench.
+        time_s: (m,) evenly spaced times.
+        rng: random numbers.
+
+    Returns:
+        The motion profile.
+    """
     parameters, settings = bench_model.parameters, bench_model.settings
     knob = knob_trajectory(parameters, time_s, rng)
     actuation = settings.actuation

@@ -1,4 +1,4 @@
-"""Solves how far a session's stage must move for the wanted largest force, by trial."""
+"""Solves for the stage motion that gives a session its largest force, by trials."""
 
 import math
 from collections.abc import Callable
@@ -15,26 +15,28 @@ from ._motion_profile import APPROACH_S, STEP_S, Motion, MotionProfile
 from ._parameters import BY_HAND
 from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory, thinned
 
-_COARSE_S = 4e-3
-_TRIALS = 15
-_CHUNK = 1000
-"""Instants of a trial between two looks at its force."""
-_ENOUGH = 1.5
-"""A trial that comes to so many times the wanted force says no more by going on."""
-_LEAST_N = 1e-3
-_DEEPEST_M = 40e-3
-"""Beyond first touch, where the smallest and the largest force are looked for."""
-_RAMP_M = 0.3e-3
-"""Steps in which the tip is first pressed on the wall at rest."""
+_COARSE_STEP_S = 4e-3
+_MAX_TRIALS = 15
+_CHUNK_INSTANTS = 1000
+"""Number of instants of a trial after which its force is checked."""
+_MAX_FORCE_RATIO = 1.5
+"""A trial ends when its force exceeds this ratio to the wanted one: the rest of it has no further information."""
+_MIN_FORCE_N = 1e-3
+_MAX_DEPTH_M = 40e-3
+"""Range beyond first contact in which the smallest and the largest force are searched."""
+_DEPTH_STEP_M = 0.3e-3
+"""Step in which the tip is first pressed on the wall at rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class Resolution:
-    """How finely a session is run. The stage always moves at every instant.
+    """Step sizes with which a session is simulated. The stage moves at every instant in any case.
 
-    ``every``: the rod follows at every so many. ``trial_every``: in the trials that solve the motion; 0: stage and rod
-    every 4 ms. ``trial_segment_m``: length of the rod's segments in them; 0: the session's own. ``peak_n``: how near
-    the largest force then comes to the drawn one; 0: the amplitude to 10 um.
+    Attributes:
+        every: interval between solutions of the rod, in instants.
+        trial_every: the same for the trials that solve the motion; 0: stage and rod every 4 ms.
+        trial_segment_m: length of the rod's segments in the trials; 0: that of the session.
+        peak_n: largest difference of the largest force from the drawn one; 0: the amplitude is solved to 10 um.
     """
 
     every: int = 1
@@ -44,7 +46,7 @@ class Resolution:
 
 
 FINE = Resolution()
-"""What recordings are made with."""
+"""Resolution of recordings."""
 FAST = Resolution(every=5, trial_every=20, trial_segment_m=2e-3, peak_n=5e-3)
 """For single images: on the same motion the force is mostly within 0.2 mN rms of that of `FINE`, in less time."""
 _TOO_LITTLE = "too little force at the largest amplitude"
@@ -52,13 +54,24 @@ _TOO_MUCH = "too much force at the smallest amplitude"
 
 
 def solve(bench_model: BenchModel, motion_profile: MotionProfile, resolution: Resolution) -> Motion | str:
-    """Returns the motion that gives the peak force and frees the tip long enough, or the rejection reason."""
+    """Solves the motion of a session.
+
+    Args:
+        bench_model: the bench.
+        motion_profile: the motion before its amplitude is known.
+        resolution: step sizes of the trials.
+
+    Returns:
+        The motion with the wanted largest force and share of time without contact, or the rejection reason.
+    """
     settings = bench_model.settings
     # Two breaths show all that happens while the knob stands still and a heart beats.
     span = APPROACH_S + 2.0 / settings.motion.respiration_hz
     repeats = settings.actuation.knob_deg_per_s == 0.0 and bench_model.parameters.wave != BY_HAND
     end = settings.tare_s + span if repeats else settings.seconds
-    coarse = motion_profile.thinned(1 if resolution.trial_every else round(_COARSE_S / STEP_S), settings.tare_s, end)
+    coarse = motion_profile.thinned(
+        1 if resolution.trial_every else round(_COARSE_STEP_S / STEP_S), settings.tare_s, end
+    )
     if bench_model.parameters.least_force_n is not None:
         return _solve_range(bench_model, coarse, resolution)
     return (
@@ -73,18 +86,18 @@ def _peak_n(trajectory: Trajectory) -> float:
 
 
 def _least_n(bench_model: BenchModel, trajectory: Trajectory) -> float:
-    """The smallest force once the approach is over."""
+    """Returns the smallest force after the approach."""
     beating = trajectory.time_s > bench_model.settings.tare_s + APPROACH_S
     return float(np.linalg.norm(trajectory.contact.force_n[beating], axis=1).min(initial=np.inf))
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where ``function`` crosses zero, to 10 um."""
+    """Returns the zero of ``function`` to 10 um."""
     return float(cast("float", brentq(function, low, high, xtol=1e-5)))
 
 
 def _solve_exactly(bench_model: BenchModel, motion_profile: MotionProfile, coarse: MotionProfile) -> Motion | str:
-    """The amplitude to 10 um."""
+    """Solves the amplitude to 10 um; returns the motion or the rejection reason."""
 
     def motion(amplitude: float) -> Motion:
         return Motion(amplitude, motion_profile.standoff_m(bench_model, amplitude))
@@ -111,20 +124,20 @@ def _solve_approximately(
 ) -> Motion | str:
     """Returns an amplitude whose largest force is within ``resolution.peak_n``, or why the session is rejected.
 
-    The wall at rest tells which depth gives which force; each trial then tells how far off that is.
+    The static solution gives the force at each depth; each trial then shows by which ratio the true force differs.
     """
     wanted = bench_model.parameters.peak_force_n
     low, high = bench_model.settings.motion.amplitude_m
     amplitudes, forces = _static_forces(bench_model, coarse)
     below, above, ratio = 0.0, math.inf, 1.0
-    for _ in range(_TRIALS):
+    for _ in range(_MAX_TRIALS):
         at = min(max(float(np.interp(wanted / ratio, forces, amplitudes)), low), high)
         if math.isfinite(above) and below > 0.0:
             share = 0.1 * (above - below)
             at = min(max(at, below + share), above - share)
         motion = Motion(at, motion_profile.standoff_m(bench_model, at))
         trajectory, whole = _trial(
-            bench_model, coarse, motion, resolution.trial_every, wanted if at <= low else _ENOUGH * wanted
+            bench_model, coarse, motion, resolution.trial_every, wanted if at <= low else _MAX_FORCE_RATIO * wanted
         )
         peak = _peak_n(trajectory)
         if whole and abs(peak - wanted) <= resolution.peak_n:
@@ -137,27 +150,27 @@ def _solve_approximately(
             if at >= high:
                 return _TOO_LITTLE
             below = at
-        ratio = max(peak, _LEAST_N) / max(float(np.interp(at, amplitudes, forces)), _LEAST_N)
+        ratio = max(peak, _MIN_FORCE_N) / max(float(np.interp(at, amplitudes, forces)), _MIN_FORCE_N)
     return "no amplitude gives the force"
 
 
 def _solve_range(bench_model: BenchModel, coarse: MotionProfile, resolution: Resolution) -> Motion | str:
-    """Returns amplitude and stand-off for the wanted smallest and largest force, or why the session is rejected.
+    """Returns the motion with the wanted smallest and largest force, or why the session is rejected.
 
-    The wall at rest states which depths give these forces; each trial then shows how far off that is.
+    The static solution gives the depths of these forces; each trial then shows by which ratio the true forces differ.
     """
     parameters, (low, high) = bench_model.parameters, bench_model.settings.motion.amplitude_m
     wanted = np.array([parameters.least_force_n, parameters.peak_force_n])
     beating = coarse.time_s > bench_model.settings.tare_s + APPROACH_S
-    depths, forces = _forces_at_rest(bench_model, coarse, _DEEPEST_M)
+    depths, forces = _forces_at_rest(bench_model, coarse, _MAX_DEPTH_M)
     aimed: FloatArray = wanted.copy()
-    for _ in range(_TRIALS):
+    for _ in range(_MAX_TRIALS):
         if aimed[1] >= forces[-1]:
             return _TOO_LITTLE
         shallow, deep = np.interp(aimed, forces, depths).tolist()
 
         def excess_m(amplitude: float, stroke_m: float = deep - shallow) -> float:
-            """How much longer the stage's stroke is than wanted."""
+            """Returns how much longer the stage's stroke is than wanted."""
             return float(np.ptp(coarse.push_m(bench_model, amplitude)[beating])) - stroke_m
 
         if excess_m(low) > 0.0:
@@ -166,7 +179,9 @@ def _solve_range(bench_model: BenchModel, coarse: MotionProfile, resolution: Res
             return _TOO_LITTLE
         amplitude: float = _root(excess_m, low, high)
         motion = Motion(amplitude, float(coarse.push_m(bench_model, amplitude)[beating].max()) - deep)
-        trajectory, whole = _trial(bench_model, coarse, motion, resolution.trial_every, _ENOUGH * float(wanted[1]))
+        trajectory, whole = _trial(
+            bench_model, coarse, motion, resolution.trial_every, _MAX_FORCE_RATIO * float(wanted[1])
+        )
         peak = _peak_n(trajectory)
         if not whole:
             aimed = aimed * wanted[1] / peak
@@ -174,13 +189,13 @@ def _solve_range(bench_model: BenchModel, coarse: MotionProfile, resolution: Res
         found = np.array([_least_n(bench_model, trajectory), peak])
         if np.abs(found - wanted).max() <= resolution.peak_n:
             return rejection_reason(bench_model, trajectory) or motion
-        aimed = aimed * wanted / np.maximum(found, _LEAST_N)
+        aimed = aimed * wanted / np.maximum(found, _MIN_FORCE_N)
     return "no amplitude and stand-off give the forces"
 
 
 def _forces_at_rest(bench_model: BenchModel, coarse: MotionProfile, deepest_m: float) -> tuple[FloatArray, FloatArray]:
-    """(k,) depths of the wall beyond first touch, and (k,) the force that it gives there at rest."""
-    depth = np.arange(-_RAMP_M, deepest_m + _RAMP_M, _RAMP_M)
+    """Returns (k,) depths of the wall beyond first contact, and (k,) the force at rest there."""
+    depth = np.arange(-_DEPTH_STEP_M, deepest_m + _DEPTH_STEP_M, _DEPTH_STEP_M)
     solver = SpatialContactSolver(bench_model.rod, bench_model.wall, 1.0, bench_model.radius_m)
     turned = np.zeros((depth.size, 3))
     turned[:, 2] = np.median(coarse.curvature_per_m)
@@ -191,7 +206,7 @@ def _forces_at_rest(bench_model: BenchModel, coarse: MotionProfile, deepest_m: f
 
 
 def _static_forces(bench_model: BenchModel, coarse: MotionProfile) -> tuple[FloatArray, FloatArray]:
-    """(k,) amplitudes, and (k,) the force that the wall at rest gives where the stage then comes farthest."""
+    """Returns (k,) amplitudes, and (k,) the force at rest at the largest depth of the stage with each."""
     amplitudes = np.linspace(*bench_model.settings.motion.amplitude_m, 16)
     deepest = np.array(
         [float(coarse.push_m(bench_model, a).max()) - coarse.standoff_m(bench_model, a) for a in amplitudes]
@@ -202,11 +217,11 @@ def _static_forces(bench_model: BenchModel, coarse: MotionProfile) -> tuple[Floa
 def _trial(
     bench_model: BenchModel, coarse: MotionProfile, motion: Motion, every: int, enough_n: float
 ) -> tuple[Trajectory, bool]:
-    """The trajectory until more than ``enough_n`` is reached, and whether that is all of it."""
+    """Returns the trajectory until more than ``enough_n`` is reached, and whether that is all of it."""
     run, count = TrajectoryIntegrator(bench_model, coarse, motion, every), coarse.time_s.size
     while run.done < count:
         first = run.done
-        run.advance(first + _CHUNK)
+        run.advance(first + _CHUNK_INSTANTS)
         now = np.linalg.norm(run.trajectory.contact.force_n[first : run.done], axis=1)
         if float(now.max()) > enough_n:
             break
@@ -214,7 +229,12 @@ def _trial(
 
 
 def rejection_reason(bench_model: BenchModel, trajectory: Trajectory) -> str:
-    """Returns why the session is rejected, or an empty string."""
+    """Returns why the session is rejected, or an empty string.
+
+    Args:
+        bench_model: the bench.
+        trajectory: the simulated session.
+    """
     contact, motion = trajectory.contact, bench_model.settings.motion
     if not contact.converged.all():
         return "no equilibrium found"
@@ -232,7 +252,7 @@ def rejection_reason(bench_model: BenchModel, trajectory: Trajectory) -> str:
 
 
 def _side_contact(bench_model: BenchModel, trajectory: Trajectory) -> str:
-    """Returns the rejection reason that the dome does not touch, or an empty string."""
+    """Returns the rejection reason that not the dome but the electrode's side touches, or an empty string."""
     if bench_model.wall.side_stiffness_n_per_m2 > 0.0:
         return ""  # the side touches too
     contact, wall = trajectory.contact, bench_model.wall

@@ -11,12 +11,12 @@ from .._fields import Range
 from .settings import WorldSettings
 
 BY_HAND = "by hand"
-"""The wave of a stage that a hand moves."""
+"""Wave of a stage that is moved by hand."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceProperties:
-    """One catheter: true values, and the nominal ones of its metadata."""
+    """The true and the nominal values of one catheter."""
 
     diameter_m: float
     flexible_length_m: float
@@ -24,22 +24,22 @@ class DeviceProperties:
     nominal_flexible_length_m: float
     nominal_stiffness_nm2: float
     nominal_diameter_m: float | None = None
-    """None: the true one."""
+    """None: equal to ``diameter_m``."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionParameters:
     """The parameters of one session, except the wall's motion, which is solved afterwards. Angles in the base frame.
 
-    ``peak_force_n`` and ``free_share`` (or ``least_force_n``) are what the motion is solved for. None: not drawn in
-    this preset.
+    The motion is solved for ``peak_force_n`` and ``free_share`` (or ``least_force_n``). None: the preset does not draw
+    the value.
     """
 
     device: DeviceProperties
     out_of_plane_per_m: float
     knob_factor: float
     play_start_deg: float
-    """Where in its backlash the mechanism rests at the start, from the middle."""
+    """Position of the mechanism in its backlash at the start, from the middle."""
     knob_low_deg: float
     knob_high_deg: float
     knob_speed_deg_per_s: float
@@ -63,7 +63,17 @@ class SessionParameters:
 
 
 def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int = 0) -> DeviceProperties:
-    """The catheter of a session: the same for ``sessions_per_catheter`` of them in a row; ``redraw``: the next one."""
+    """Samples the catheter of a session.
+
+    Args:
+        settings: settings of the world.
+        seed: seed of all random numbers.
+        session: number of the session; ``sessions_per_catheter`` sessions in a row have the same catheter.
+        redraw: number of catheters that were rejected before.
+
+    Returns:
+        The catheter.
+    """
     shaft = settings.shaft
     key = [seed, session // shaft.sessions_per_catheter, 0]
     rng = np.random.default_rng([*key, redraw] if redraw else key)
@@ -82,7 +92,16 @@ def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int 
 
 
 def sample_parameters(settings: WorldSettings, device: DeviceProperties, rng: np.random.Generator) -> SessionParameters:
-    """Samples the parameters of one session."""
+    """Samples the parameters of one session.
+
+    Args:
+        settings: settings of the world.
+        device: the catheter.
+        rng: random numbers.
+
+    Returns:
+        The parameters.
+    """
 
     def one(bounds: Range) -> float:
         return float(rng.uniform(*bounds))
@@ -119,9 +138,17 @@ def sample_parameters(settings: WorldSettings, device: DeviceProperties, rng: np
 
 
 def sample_kind(settings: WorldSettings, rng: np.random.Generator) -> dict[str, Any]:
-    """What kind of tissue and motion a session has, where the preset varies them: kept however often the rest is drawn.
+    """Samples the kind of tissue and motion of a session, where the preset varies them.
 
-    Else the kinds that are easy to bring to their forces would be more frequent than they are drawn.
+    The kind is kept when the other parameters are drawn again. Otherwise kinds that reach their forces easily would be
+    more frequent than they are drawn.
+
+    Args:
+        settings: settings of the world.
+        rng: random numbers.
+
+    Returns:
+        The drawn parameters, by name.
     """
     wall, kind = settings.wall, dict[str, Any]()
     if wall.laws:
@@ -136,7 +163,7 @@ def sample_kind(settings: WorldSettings, rng: np.random.Generator) -> dict[str, 
 
 
 def _sample_more(settings: WorldSettings, rng: np.random.Generator) -> dict[str, Any]:
-    """What only some presets draw: after all else, so that the others' sessions stay as they are."""
+    """Samples the values that only some presets draw, after all others: sessions of other presets do not change."""
     wall, more = settings.wall, dict[str, Any]()
     if wall.log_stiffness:
         more["wall_stiffness_n_per_m"] = float(np.exp(rng.uniform(*np.log(wall.stiffness_n_per_m))))

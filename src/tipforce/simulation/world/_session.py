@@ -1,8 +1,8 @@
-"""One session: its parameters are drawn, its motion is solved, it is run; drawn again where it is rejected.
+"""One session: its parameters are drawn, its motion is solved, it is simulated; it is drawn again if it is rejected.
 
-Consecutive sessions share a catheter. It is drawn again where no motion brings it to the forces that are asked for.
-That choice depends on the catheter's own random numbers alone, never on a session's, so all of its sessions find the
-same one, in whatever order and process they are made.
+Consecutive sessions share a catheter. It is drawn again if no motion brings it to the requested forces. That choice
+depends on the catheter's own random numbers alone, never on a session's, so all of its sessions find the same one, in
+any order and in any process.
 """
 
 from dataclasses import dataclass, replace
@@ -21,22 +21,32 @@ from .settings import WorldSettings
 
 _TRIALS = 100
 _REDRAWS = 50
-_STEP_S = 8e-3
+_TRIAL_STEP_S = 8e-3
 
 
 @dataclass(frozen=True, slots=True)
 class SampledDevice:
-    """``redraws``: how many catheters were drawn before this one and could not be used."""
+    """A catheter, and the number ``redraws`` of catheters that were drawn before it and rejected."""
 
     device: DeviceProperties
     redraws: int = 0
 
 
 def catheter_of(settings: WorldSettings, seed: int, session: int) -> SampledDevice:
-    """The catheter of a session.
+    """Returns the catheter of a session.
 
-    One that serves a single session is taken as drawn: that session finds out for itself. Raises InputError where no
-    catheter reaches the forces.
+    A catheter of a single session is not tested here: it is rejected with the session.
+
+    Args:
+        settings: settings of the world.
+        seed: seed of all random numbers.
+        session: number of the session.
+
+    Returns:
+        The catheter.
+
+    Raises:
+        InputError: no draw of the catheter reaches the forces.
     """
     if settings.shaft.sessions_per_catheter == 1:
         return SampledDevice(sample_device(settings, seed, session))
@@ -58,13 +68,13 @@ def _shared(settings_json: str, seed: int, number: int) -> SampledDevice:
 
 
 def _reaches(settings: WorldSettings, device: DeviceProperties, key: tuple[int, ...]) -> bool:
-    """Whether one drawn session comes to the least of the wanted peak forces, over two breaths of largest amplitude."""
+    """Whether one drawn session reaches the least of the wanted peak forces, over two breaths of largest amplitude."""
     rng = np.random.default_rng(key)
     if settings.motion.least_force_n:
         return _solvable(settings, sample_parameters(settings, device, rng), rng)
     brief = settings.model_copy(update={"tare_s": 0.0})
     bench_model = build_bench_model(brief, sample_parameters(brief, device, rng))
-    motion_profile = compose_motion(bench_model, _two_breaths(settings, _STEP_S), rng)
+    motion_profile = compose_motion(bench_model, _two_breaths(settings, _TRIAL_STEP_S), rng)
     largest = settings.motion.amplitude_m[1]
     contact = integrate_trajectory(
         bench_model, motion_profile, Motion(largest, motion_profile.standoff_m(bench_model, largest))
@@ -83,19 +93,24 @@ def _solvable(settings: WorldSettings, parameters: SessionParameters, rng: np.ra
 
 
 def _two_breaths(settings: WorldSettings, step_s: float) -> FloatArray:
-    """(m,) instants of the approach and of two breaths, from 0."""
+    """Returns (m,) instants of the approach and of two breaths, from 0."""
     span = APPROACH_S + 2.0 / settings.motion.respiration_hz
     return np.arange(round(span / step_s), dtype=np.float64) * step_s
 
 
-_BENCH = ("out_of_plane_per_m", "contact_angle_deg", "tilt_deg", "wall_stiffness_n_per_m", "friction")
-"""Parameters that the sessions of one bench share beside the catheter."""
+_BENCH_PARAMETERS = ("out_of_plane_per_m", "contact_angle_deg", "tilt_deg", "wall_stiffness_n_per_m", "friction")
+"""Parameters that the sessions of one bench share, in addition to the catheter."""
 _BENCH_TRIALS = 4
-"""Drawn motions, of which one must give a bench its forces."""
+"""Number of drawn motions, of which one must reach the forces on a bench."""
 
 
 def bench_of(settings: WorldSettings, seed: int, session: int) -> dict[str, float]:
-    """Returns the parameters that the sessions of a bench share, by name; none where each has a bench of its own.
+    """Returns the parameters that the sessions of a bench share, by name; none if each session has its own bench.
+
+    Args:
+        settings: settings of the world.
+        seed: seed of all random numbers.
+        session: number of the session.
 
     Raises:
         InputError: no draw of the bench reaches the forces.
@@ -112,7 +127,7 @@ def _shared_bench(settings_json: str, seed: int, number: int) -> dict[str, float
     for redraw in range(_REDRAWS):
         rng = np.random.default_rng([seed, number, 13, redraw])
         drawn = sample_parameters(settings, device, rng)
-        bench = {name: getattr(drawn, name) for name in _BENCH}
+        bench = {name: getattr(drawn, name) for name in _BENCH_PARAMETERS}
         if any(
             _solvable(settings, replace(sample_parameters(settings, device, rng), **bench), rng)
             for _ in range(_BENCH_TRIALS)
@@ -125,18 +140,23 @@ def _shared_bench(settings_json: str, seed: int, number: int) -> dict[str, float
 
 
 _DRAWS = 400
-_SAME_ANGLE = 4
-"""Draws in a row that share their contact angle: steep ones fail more often and would be rare with an angle a draw."""
-_BEATING_S = 1.0
-"""Largest force and time without contact are solved for on what follows the approach: at least so much."""
+_DRAWS_PER_ANGLE = 4
+"""Draws in a row with the same contact angle: steep angles fail more often and would be rare with an angle per draw."""
+_MIN_BEATING_S = 1.0
+"""Shortest time after the approach: in it the largest force and the time without contact are solved."""
 UNFIT_CATHETER = "no motion brings the catheter to the forces"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """What is true of one session. ``redraws``: by reason, how often its values were drawn again.
+    """The true values of one session.
 
-    Of the catheter's own draws `UNFIT_CATHETER` counts. ``trajectory``: what happens where nobody commands a drive.
+    Attributes:
+        bench_model: the bench.
+        motion_profile: the motion before its amplitude is known.
+        motion: the solved motion.
+        trajectory: the session if no drive is commanded.
+        redraws: number of rejected draws, by reason; `UNFIT_CATHETER` counts the rejected catheters.
     """
 
     bench_model: BenchModel
@@ -146,15 +166,24 @@ class Session:
     redraws: dict[str, int]
 
     def begin(self) -> TrajectoryIntegrator:
-        """The same session before its first instant, to be made to happen again, commanded."""
+        """Returns the same session before its first instant, to be simulated again with commands."""
         return TrajectoryIntegrator(self.bench_model, self.motion_profile, self.motion)
 
 
 def run_session(settings: WorldSettings, seed: int, number: int, resolution: Resolution = FINE) -> Session:
     """Simulates session ``number`` of ``seed``: the same arguments give the same values.
 
+    Args:
+        settings: settings of the world.
+        seed: seed of all random numbers.
+        number: number of the session, from 0.
+        resolution: step sizes.
+
+    Returns:
+        The session.
+
     Raises:
-        InputError: where every draw is rejected, or the session is too short (see `require_long_enough`).
+        InputError: every draw is rejected, or the session is too short (see `require_long_enough`).
     """
     require_long_enough(settings)
     if settings.motion.peak_within_n:
@@ -168,7 +197,7 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
     for attempt in range(_DRAWS):
         rng = np.random.default_rng([seed, number, 1, attempt])
         parameters = sample_parameters(settings, catheter.device, rng)
-        if attempt % _SAME_ANGLE == 0:
+        if attempt % _DRAWS_PER_ANGLE == 0:
             angle_deg = parameters.contact_angle_deg
         if attempt % settings.motion.same_peak == 0:
             peak_n = parameters.peak_force_n
@@ -199,10 +228,10 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
 
 
 def require_long_enough(settings: WorldSettings) -> None:
-    """Raises InputError for a session that is over before the wall has beaten for a second: nothing can be solved."""
-    least = settings.tare_s + APPROACH_S + _BEATING_S
+    """Raises InputError for a session with less than a second of beats: its motion cannot be solved."""
+    least = settings.tare_s + APPROACH_S + _MIN_BEATING_S
     if settings.seconds < least:
         raise InputError(
             f"world.seconds={settings.seconds:g}: a session needs {settings.tare_s:g} s of tare (world.tare_s), "
-            f"{APPROACH_S:g} s of approach and {_BEATING_S:g} s of beats; state at least {least:g} s"
+            f"{APPROACH_S:g} s of approach and {_MIN_BEATING_S:g} s of beats; state at least {least:g} s"
         )

@@ -11,18 +11,25 @@ from ._drives import AxisModel, Drive
 from ._motion_profile import Motion, MotionProfile
 from .settings import WorldSettings
 
-_BLOCK = 4096
-"""Instants at once: enough for nothing but the rod to cost time."""
+_BLOCK_INSTANTS = 4096
+"""Number of instants in a block; in longer blocks only the rod takes time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """A session instant by instant.
+    """A session at each of m instants.
 
-    ``time_s`` (m,) on the camera's clock; ``knob_deg``, ``advance_m`` (m,); ``curvature_per_m`` (m,) of the unloaded
-    shaft in its plane of bending; ``command_m``, ``stage_m`` (m, 2): the stage's axes, commanded and reached, forward
-    positive against the tip; ``acceleration_m_per_s2`` (m, 3) of the stage, base frame; ``wall_m`` (m, 3): where the
-    point of the undented surface that was touched first is. ``radius_m``: of dome and shaft.
+    Attributes:
+        time_s: (m,) time on the camera's clock.
+        knob_deg: (m,) angle of the knob.
+        advance_m: (m,) advance of the clamp along x.
+        curvature_per_m: (m,) curvature of the unloaded shaft in its plane of bending.
+        command_m: (m, 2) commanded positions of the stage, forward (positive against the tip) and across.
+        stage_m: (m, 2) reached positions of the stage.
+        acceleration_m_per_s2: (m, 3) acceleration of the stage, base frame.
+        wall_m: (m, 3) position of the point of the undeformed surface that was touched first, base frame.
+        contact: result of the mechanics.
+        radius_m: radius of dome and shaft.
     """
 
     time_s: FloatArray
@@ -37,7 +44,7 @@ class Trajectory:
     radius_m: float
 
     def side_touch_m(self, rows: slice) -> FloatArray:
-        """(m, 3): where the force on the shaft's side acts; where it does not touch, a point of the wall."""
+        """Returns the point (m, 3) of the force on the shaft's side; a point of the wall if the side does not touch."""
         contact, wall = self.contact, self.contact.wall
         nodes = contact.rod.nodes_m(contact.quaternions[rows], contact.advance_m[rows])[:, 1:-1]
         normal = np.asarray(wall.normal)
@@ -50,7 +57,7 @@ class Trajectory:
 def _drives(
     settings: WorldSettings, motion_profile: MotionProfile, programme_m: FloatArray
 ) -> tuple[Drive, Drive, Drive, Drive]:
-    """Clamp, knob, and the stage's two axes: what a session does by itself is their programme."""
+    """Makes the drives of clamp, knob, and the stage's two axes; their programme is the session without commands."""
     dt = float(motion_profile.time_s[1] - motion_profile.time_s[0])
     clamp, knob, motion = settings.clamp, settings.knob_drive, settings.motion
     stage = AxisModel(
@@ -94,11 +101,12 @@ def _drives(
 
 
 class TrajectoryIntegrator:
-    """A session that is made to happen as far as it is asked for, while its drives may be commanded.
+    """A session that is simulated up to the instant that is needed, while its drives may be commanded.
 
-    ``clamp``, ``knob``, ``forward``, ``across``: the drives, in m and degrees. ``trajectory``: its rows are true up to
-    ``done``, their accelerations up to ``final``. However it is cut into pieces, the same comes out. ``every``: the
-    rod follows at every so many instants only, and other rows of the contact stay empty; the drives move at all.
+    ``clamp``, ``knob``, ``forward``, ``across``: the drives, in m and degrees. ``trajectory``: its rows are valid up to
+    ``done``, their accelerations up to ``final``. The result does not depend on the lengths of the parts. ``every``:
+    interval between solutions of the rod, in instants. The rows of ``contact`` between them are empty; the drives move
+    at all instants.
     """
 
     def __init__(self, bench_model: BenchModel, motion_profile: MotionProfile, motion: Motion, every: int = 1) -> None:
@@ -134,10 +142,10 @@ class TrajectoryIntegrator:
         )
 
     def advance(self, end: int) -> None:
-        """Let it happen up to the instant ``end``, exclusive, where that has not been done."""
+        """Simulates up to the instant ``end``, exclusive, if that has not been done."""
         end = min(end, self.trajectory.time_s.size)
         while self.done < end:
-            self._integrate(self.done, min(end, self.done + _BLOCK))
+            self._integrate(self.done, min(end, self.done + _BLOCK_INSTANTS))
             self._update_acceleration()
 
     def _integrate(self, first: int, end: int) -> None:
@@ -163,7 +171,7 @@ class TrajectoryIntegrator:
         self.done = end
 
     def _transmitted(self, first: int, end: int) -> FloatArray:
-        """(m,) what the knob's play lets through: as planned until the knob's drive takes over."""
+        """Returns (m,) angles of the knob behind its play: as planned until the knob's drive takes over."""
         transmitted, taken = self._motion_profile.transmitted_deg[first:end], self.knob.taken_over
         if taken is None or taken >= end:
             return transmitted
@@ -175,7 +183,7 @@ class TrajectoryIntegrator:
         return np.concatenate([transmitted[: transmitted.size - own.size], own])
 
     def _update_acceleration(self) -> None:
-        """The stage's acceleration, by central differences: it is known two instants after the position."""
+        """Computes the stage's acceleration by central differences: it is known two instants after the position."""
         first, whole = self.final, self.done == self.trajectory.time_s.size
         end = self.done if whole else self.done - 2
         start = max(0, first - 2)
@@ -191,7 +199,7 @@ _ROWS = tuple(field.name for field in fields(SpatialContact) if field.name not i
 
 
 def _allocate(none: SpatialContact, count: int) -> SpatialContact:
-    """Room for ``count`` instants, shaped as in a contact of no instants."""
+    """Returns arrays of ``count`` instants, with the shapes of a contact of no instants."""
     rows = {name: getattr(none, name) for name in _ROWS}
     return replace(none, **{name: np.zeros((count, *row.shape[1:]), row.dtype) for name, row in rows.items()})
 
@@ -199,9 +207,16 @@ def _allocate(none: SpatialContact, count: int) -> SpatialContact:
 def integrate_trajectory(
     bench_model: BenchModel, motion_profile: MotionProfile, motion: Motion, every: int = 1
 ) -> Trajectory:
-    """Integrates a session from beginning to end, with nobody commanding, at the instants of ``motion_profile``.
+    """Integrates a session from beginning to end without commands, at the instants of ``motion_profile``.
 
-    ``every``: the rod is solved, and reported, at every so many of them.
+    Args:
+        bench_model: the bench.
+        motion_profile: the motion before its amplitude is known.
+        motion: the solved motion.
+        every: interval between solutions of the rod, which are returned, in instants.
+
+    Returns:
+        The trajectory at these instants.
     """
     run = TrajectoryIntegrator(bench_model, motion_profile, motion, every)
     run.advance(motion_profile.time_s.size)
@@ -209,7 +224,7 @@ def integrate_trajectory(
 
 
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:
-    """Every so many of its instants."""
+    """Returns every ``every``-th instant of a trajectory."""
     rows = {name: getattr(trajectory.contact, name)[::every] for name in _ROWS}
     others = [field.name for field in fields(Trajectory) if field.name not in ("contact", "radius_m")]
     plain = {name: getattr(trajectory, name)[::every] for name in others}
