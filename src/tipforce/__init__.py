@@ -4,7 +4,7 @@
 >>> tipforce.SessionInfo().view("camera").base_side is None
 True
 
-Names are loaded when they are first used, so that ``import tipforce`` takes a moment only.
+Names are loaded when they are first used, so that ``import tipforce`` is fast.
 """
 
 import logging

@@ -63,7 +63,9 @@ class OutputError(InputError):
 class ZeroInContactError(InputError):
     """The operator's zero would subtract a force that may be real; it must be confirmed.
 
-    ``magnitude_n``: magnitude of this force, N.
+    Args:
+        message: the sentence for the user.
+        magnitude_n: magnitude of this force, N.
     """
 
     def __init__(self, message: str, magnitude_n: float) -> None:

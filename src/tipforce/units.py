@@ -37,7 +37,7 @@ FORCE_UNITS: dict[ForceUnit, float] = {
     "lbf": POUND_N,
     "ozf": POUND_N / 16,
 }
-"""Newtons in one of each unit that a force log may be written in."""
+"""Newtons in one of each unit that a force log may use."""
 
 _SPELLINGS: dict[str, ForceUnit] = {
     **{name.lower(): name for name in FORCE_UNITS},
@@ -55,7 +55,7 @@ _SPELLINGS: dict[str, ForceUnit] = {
 
 
 def force_unit(text: str) -> ForceUnit | None:
-    """The unit that a header or a sensor calls ``text``; None for another text.
+    """Returns the unit that a header or a sensor calls ``text``; None for another text.
 
     >>> force_unit("lb"), force_unit("[mN]"), force_unit("mm")
     ('lbf', 'mN', None)
@@ -64,10 +64,10 @@ def force_unit(text: str) -> ForceUnit | None:
 
 
 def grams_to_newtons(grams: float) -> float:
-    """Newtons of a force in gram-force."""
+    """Converts a force from gram-force to newtons."""
     return grams * GRAM_N
 
 
 def newtons_to_grams(newtons: float) -> float:
-    """Gram-force of a force in newtons."""
+    """Converts a force from newtons to gram-force."""
     return newtons / GRAM_N

@@ -1,4 +1,4 @@
-"""What all packages need of the machine: whole files, locks, processes, cores, compiled code, clocks.
+"""Services of the machine for all packages: atomic files, locks, processes, cores, compiled code, clocks.
 
 Nothing is imported here: the program looks after signals before anything heavy is loaded.
 """

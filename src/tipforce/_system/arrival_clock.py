@@ -1,20 +1,20 @@
-"""Stamps of a device brought to the clock of the host by the delay of their arrival.
+"""Converts stamps of a device to the clock of the host, by the delay of their arrival.
 
-Here because `hardware` and `live` need it and do not import one another.
+This module is here because `hardware` and `live` need it and do not import one another.
 """
 
 import math
 from dataclasses import dataclass
 
 _BUCKET_NS = 1_000_000_000
-_BUCKETS = 10
-"""The least delay of the last ten seconds in which anything came counts: a drift of 50 ppm then moves a stamp by half a
+MAX_BUCKETS = 10
+"""Number of seconds with readings whose smallest delay counts: a drift of 50 ppm then moves a stamp by half a
 millisecond."""
 _MIN_STANDSTILL_NS = 100_000_000
 _MIN_SPREAD_NS = 500_000_000
-"""A second in which readings came over a shorter time tells nothing of the clocks: they may have waited in a buffer."""
+"""A second whose readings arrived within a shorter time gives no delay: they may have waited in a buffer."""
 _CAUGHT_UP_SHARE = 0.1
-"""Readings whose delay falls by more than this share of the time that passes come out of a buffer."""
+"""Readings whose delay falls by more than this share of the elapsed time come out of a buffer."""
 _DRIFT_AFTER_S = 20.0
 _NEW_DELAY_WEIGHT = 0.02
 """Weight of a new reading in the mean delay."""
@@ -24,7 +24,7 @@ _NEW_DELAY_WEIGHT = 0.02
 class ClockReport:
     """Offset of a device's clock: ``offset_s`` = host minus device; NaN where its stamps are those of the arrival.
 
-    ``delay_s``: mean delay of the arrival beyond the least one; ``drift_ppm``: of the offset, NaN until it is known.
+    ``delay_s``: mean delay of the arrival beyond the smallest one; ``drift_ppm``: drift of the offset, NaN until known.
     """
 
     offset_s: float = math.nan
@@ -33,13 +33,15 @@ class ClockReport:
 
 
 class ArrivalClock:
-    """Brings stamps of a device's clock to the host's: by the least delay of the arrival in the last seconds.
+    """Converts stamps of a device's clock to the host's, by the smallest delay of the arrival in the last seconds.
 
-    A network or an operating system can only delay; the least delay is the nearest to none. Where readings come later
-    than that for a whole second, and do not catch up, the device's clock stood still and the least delay is found anew.
+    A network or an operating system can only delay, so the smallest delay is the nearest to zero. If all readings of a
+    second arrive later than that, and do not catch up, the device's clock stood still: the smallest delay is then found
+    again.
 
     Args:
-        longest_step_ns: a clock that stood still for longer is taken for readings that are late; None: no limit.
+        longest_step_ns: longest standstill of the clock; a longer one counts as a delay of the readings. None: no
+            limit.
 
     >>> clock = ArrivalClock()
     >>> [clock.host_ns(device, arrival) for device, arrival in ((0, 1_005), (100, 1_101), (200, 1_209))]
@@ -49,7 +51,7 @@ class ArrivalClock:
     def __init__(self, longest_step_ns: int | None = None) -> None:
         self._longest_step_ns = longest_step_ns
         self._least: list[tuple[int, int]] = []
-        """Second of arrival and least delay in it."""
+        """Second of arrival, and the smallest delay in it."""
         self._second: list[tuple[int, int]] = []
         """First and last reading of this second: arrival and delay."""
         self._last_ns: int | None = None
@@ -57,7 +59,12 @@ class ArrivalClock:
         self._delay_ns = math.nan
 
     def host_ns(self, device_ns: int, arrival_ns: int) -> int:
-        """The host's time of what the device stamped ``device_ns`` and what arrived at ``arrival_ns``; it rises."""
+        """Returns the time of a reading on the clock of the host; it is later than that of the reading before.
+
+        Args:
+            device_ns: stamp of the reading on the clock of the device, ns.
+            arrival_ns: its arrival on the clock of the host, ns.
+        """
         delay, bucket = arrival_ns - device_ns, arrival_ns // _BUCKET_NS
         if self._least and self._least[-1][0] == bucket:
             self._least[-1] = bucket, min(delay, self._least[-1][1])
@@ -66,7 +73,7 @@ class ArrivalClock:
                 self._first = self._least[1]  # the first whole second
             if len(self._least) > 1 and self._stood_still():
                 self._least = [self._least[-1]]
-            if len(self._least) == _BUCKETS:
+            if len(self._least) == MAX_BUCKETS:
                 del self._least[self._oldest()]
             self._least.append((bucket, delay))
             self._second = [(arrival_ns, delay)]
@@ -83,13 +90,13 @@ class ArrivalClock:
         return stamp
 
     def _oldest(self) -> int:
-        """Which second is forgotten: not the one of the least delay while readings are late."""
+        """Returns the index of the second that is forgotten: not that of the smallest delay while readings are late."""
         late = self._longest_step_ns is not None and self._least[-1][1] - self.offset_ns > self._longest_step_ns
         kept = late or self._catches_up()
         return 1 if kept and self._least[0][1] == self.offset_ns else 0
 
     def _stood_still(self) -> bool:
-        """Whether nothing came as fast as before for a whole second, and it was no buffer that was emptied."""
+        """Whether all readings of a whole second arrived later than before, and no buffer was emptied."""
         step_ns = self._least[-1][1] - self.offset_ns
         if step_ns <= _MIN_STANDSTILL_NS or (self._longest_step_ns is not None and step_ns > self._longest_step_ns):
             return False
@@ -102,11 +109,11 @@ class ArrivalClock:
 
     @property
     def offset_ns(self) -> int:
-        """Offset that is added to a stamp, ns; 0 before the first one."""
+        """Offset that is added to a stamp, ns; 0 before the first stamp."""
         return min((delay for _, delay in self._least), default=0)
 
     def report(self) -> ClockReport:
-        """How the two clocks lie now."""
+        """Returns the present offset between the two clocks, the mean delay and the drift."""
         if not self._least:
             return ClockReport()
         drift = math.nan

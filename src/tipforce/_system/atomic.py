@@ -1,7 +1,7 @@
 """Files and folders that appear whole or not at all: written beside their place, renamed at the end.
 
-Parent folders are made. An error in a ``with`` block removes what was written and leaves what was there before. Only
-regular files are replaced, never devices, pipes or folders; of a link, what it points to.
+Parent folders are made. An error in a ``with`` block removes the new file and leaves the old one. Only regular files
+are replaced, never devices, pipes or folders; for a link, its target is replaced.
 """
 
 import errno
@@ -31,7 +31,7 @@ REMEDIES = {
 
 @contextmanager
 def writing(path: Path) -> Generator[None]:
-    """Turns what the operating system refuses while ``path`` is written into one sentence.
+    """Turns an error of the operating system while ``path`` is written into an `OutputError` of one sentence.
 
     Raises:
         OutputError: the disk is full, permission is missing, and the like.
@@ -45,22 +45,22 @@ def writing(path: Path) -> Generator[None]:
 
 
 def part_of(path: Path) -> Path:
-    """What a recording is called while it is being written; recovery finds it by this name."""
+    """Returns the name of a recording while it is being written; recovery finds it by this name."""
     return path.with_name(path.name + ".part")
 
 
 def check_folder(path: Path) -> None:
-    """Asks before any work whether a file can be written in the folder of ``path``, which is not made yet.
+    """Checks before any work whether a file can be written in the folder of ``path``, which is not made yet.
 
     Raises:
-        OutputError: a file stands where a folder must, or nothing can be written there.
+        OutputError: one of the parent folders is a file, or nothing can be written there.
     """
     there = next((parent for parent in path.absolute().parents if parent.exists()), None)
     if there is None:
         return
     if not there.is_dir():
         raise OutputError(f"{path}: {there} is a file, not a folder; choose another place")
-    try:  # permissions alone do not tell: not of the administrator, and not of /proc
+    try:  # the permissions alone are not enough: the administrator has none to check, and /proc ignores them
         with tempfile.TemporaryFile(dir=there):
             pass
     except OSError as error:
@@ -69,7 +69,7 @@ def check_folder(path: Path) -> None:
 
 
 def check_output_file(path: Path) -> None:
-    """Asks before any work whether a file can be written as ``path``.
+    """Checks before any work whether a file can be written as ``path``.
 
     Raises:
         OutputError: it is a folder, a device, a pipe or a socket, or its folder cannot be made.
@@ -91,9 +91,9 @@ def check_output_file(path: Path) -> None:
 
 @contextmanager
 def atomic_path(path: Path) -> Generator[Path]:
-    """A new path beside ``path`` to write to; it takes the name ``path`` when the block ends without an error.
+    """Yields a new path beside ``path`` to write to; it gets the name ``path`` when the block ends without an error.
 
-    For writers that open files themselves. Two processes cannot write the same ``path`` at once.
+    It is for writers that open files themselves. Two processes cannot write the same ``path`` at the same time.
 
     Raises:
         OutputError: as `check_output_file`, `output_lock` and `writing` do.
@@ -121,24 +121,32 @@ def _umask() -> int:
 
 @contextmanager
 def atomic_text(path: Path) -> Generator[TextIO]:
-    """A text file in UTF-8, lines as they are written, that appears as ``path`` when the block ends."""
+    """Yields a text file in UTF-8 that appears as ``path`` when the block ends; line ends are kept as they are."""
     with atomic_path(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
         yield stream
         stream.flush()
 
 
 def write_atomic(path: Path, data: bytes | str) -> None:
-    """Writes a whole file; text in UTF-8. Raises OutputError as `atomic_path` does."""
+    """Writes a whole file.
+
+    Args:
+        path: the file.
+        data: its content; text is written in UTF-8.
+
+    Raises:
+        OutputError: as `atomic_path` does.
+    """
     with atomic_path(path) as part:
         part.write_bytes(data.encode() if isinstance(data, str) else data)
 
 
 @contextmanager
 def replacing_folder(folder: Path) -> Generator[Path]:
-    """A new folder to fill, that takes the name ``folder`` when the block ends; an error in the block removes it.
+    """Yields a new folder to fill; it gets the name ``folder`` when the block ends, an error in the block removes it.
 
-    What had that name before goes only when the new folder stands in its place. Whether it may go is the caller's
-    question, to be asked before.
+    An old folder of that name is removed after the new one has taken its place. The caller decides beforehand whether
+    it may be removed.
     """
     check_folder(folder)
     with writing(folder), output_lock(folder):
@@ -146,7 +154,7 @@ def replacing_folder(folder: Path) -> Generator[Path]:
         part = Path(tempfile.mkdtemp(prefix=f".{folder.name[:100]}.", suffix=".part", dir=folder.parent))
         try:
             yield part
-            # mkdtemp makes it for its owner's eyes only
+            # mkdtemp gives access to the owner only
             part.chmod(0o777 & ~_umask())
             _swap(part, folder)
         finally:

@@ -1,19 +1,22 @@
-"""CRC-32 of what is read in pieces: the checksum of a whole from those of its parts."""
+"""CRC-32 of a file that is read in pieces: the checksum of the whole from those of its parts."""
 
 from collections.abc import Sequence
 from functools import cache
 
 _POLYNOMIAL = 0xEDB88320
 _ONE = 1 << 31
-"""The polynomial 1: bits are in the reversed order of CRC-32, x is half of it."""
+"""The polynomial 1: CRC-32 reverses the order of the bits, so x is half of it."""
 
 
 def combined_crc(crcs: Sequence[int], lengths: Sequence[int]) -> int:
-    """The CRC-32 of parts that follow each other: that of what comes before times x^(8 * length), plus the next.
+    """Returns the CRC-32 of consecutive parts: the previous sum times x^(8 * length), plus the CRC-32 of the next part.
 
     Args:
         crcs: (n,) CRC-32 of each part.
         lengths: (n,) bytes of each part.
+
+    Returns:
+        The CRC-32 of the whole.
 
     >>> import zlib
     >>> combined_crc([zlib.crc32(b"a cut"), zlib.crc32(b" file")], [5, 5]) == zlib.crc32(b"a cut file")
@@ -35,7 +38,7 @@ def _power(bit: int) -> int:
 
 
 def _times(a: int, b: int) -> int:
-    """The product of two polynomials modulo that of CRC-32."""
+    """Returns the product of two polynomials modulo that of CRC-32."""
     product = 0
     while a:
         if a & _ONE:

@@ -1,4 +1,4 @@
-"""How hot loops are compiled and kept on disk."""
+"""Compilation of hot loops, and the cache of compiled code on disk."""
 
 import functools
 import logging
@@ -11,15 +11,21 @@ from numba import njit
 from numba.core import event
 
 STEADY = {"nnan", "ninf", "nsz"}
-"""The liberties of fast mathematics that change no result. The others let a loop round otherwise when it is compiled
-anew than when it comes from the cache, and then the same seed would not give the same bytes."""
+"""Options of fast mathematics that change no result. With the others a loop may round differently when it is compiled
+than when it comes from the cache, and then the same seed would not give the same bytes."""
 
 
 def compiled_together(files: str, pattern: str, fastmath: Set[str] = frozenset()) -> Callable[..., Any]:
-    """A decorator that compiles a kernel of the files beside ``files`` (a module's ``__file__``) named ``pattern``.
+    """Returns a decorator that compiles a kernel.
 
-    Compiled code is kept on disk between runs. The kept code of one file holds the inlined code of others, but
-    numba looks at the date of that one file only: a stamp over all of them makes a change in any count.
+    Compiled code is kept on disk between runs. The cached code of one file contains the inlined code of others, but
+    numba looks at the date of that one file only. So the cache is stamped with the dates of all files that may be
+    inlined.
+
+    Args:
+        files: path of a module (its ``__file__``); the files are in the same folder.
+        pattern: pattern of their names.
+        fastmath: options of fast mathematics, see `STEADY`.
     """
     folder = Path(files).parent
     _log_compilation()
@@ -34,9 +40,9 @@ def compiled_together(files: str, pattern: str, fastmath: Set[str] = frozenset()
     return decorate
 
 
-_SILENT_S = 1.0
-"""Compilation that takes less is not logged."""
-_LOG_EVERY_S = 5.0
+MIN_LOGGED_S = 1.0
+"""Compilation that takes less time than this is not logged."""
+LOG_PERIOD_S = 5.0
 
 
 class _CompilationLog(event.Listener):
@@ -53,7 +59,7 @@ class _CompilationLog(event.Listener):
         now = time.monotonic()
         if not self._began_s:
             self._began_s = now
-        since, least = (self._logged_s, _LOG_EVERY_S) if self._logged_s else (self._began_s, _SILENT_S)
+        since, least = (self._logged_s, LOG_PERIOD_S) if self._logged_s else (self._began_s, MIN_LOGGED_S)
         if now - since >= least:
             self._logged_s = now
             self._log.info(

@@ -1,16 +1,16 @@
-"""How much of the machine may be used."""
+"""Number of processor cores that may be used."""
 
 import os
 
 from ..errors import InputError
 
 CORES = "TIPFORCE_CORES"
-"""The environment variable that says how many cores to use, as on a machine that others work on too."""
-_MOST = 1024
+"""Environment variable with the number of cores to use, for a machine that others work on too."""
+MAX_CORES = 1024
 
 
 def cores() -> int:
-    """Processor cores to use: as many as `CORES` says, by default all that this process may run on.
+    """Returns the number of cores to use: as `CORES` states, by default all that this process may run on.
 
     Raises:
         InputError: `CORES` is no whole number from 1 to 1024.
@@ -18,6 +18,6 @@ def cores() -> int:
     stated = os.environ.get(CORES)
     if stated is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if not (stated.isdecimal() and 1 <= int(stated) <= _MOST):
-        raise InputError(f"{CORES}={stated}: expected a whole number from 1 to {_MOST}")
+    if not (stated.isdecimal() and 1 <= int(stated) <= MAX_CORES):
+        raise InputError(f"{CORES}={stated}: expected a whole number from 1 to {MAX_CORES}")
     return int(stated)

@@ -1,4 +1,4 @@
-"""Where independent work is done: in processes of this machine, or on the nodes of a Ray cluster."""
+"""Runs independent work in processes of this machine, or on the nodes of a Ray cluster."""
 
 import multiprocessing
 from collections.abc import Callable, Sequence
@@ -17,12 +17,12 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 _POLL_S = 0.2
 _counter: "Synchronized[int] | None" = None
-"""In a worker process: steps done so far, over all workers."""
+"""In a worker process: number of steps done so far, over all workers."""
 
 
 @runtime_checkable
 class Executor(Protocol):
-    """Does many items of the same kind, none of which needs another one."""
+    """Processes many items of the same kind, none of which needs another one."""
 
     def run(
         self,
@@ -34,29 +34,29 @@ class Executor(Protocol):
         shared: Path | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> list[_Result]:
-        """``task`` of each of ``items``, in any order, in any process.
+        """Calls ``task`` for each of ``items``, in any order, in any process.
 
         Args:
-            task: what is done. It may be done again where a process or machine was lost in the middle of it, so what
-                it writes has to appear whole or not at all.
-            items: one call each.
-            steps: how often ``task`` calls its function for an item.
+            task: function that processes one item. An item is processed again if its process or machine is lost, so the
+                files that ``task`` writes must appear whole or not at all.
+            items: the items, one call for each.
+            steps: number of times that ``task`` calls its function for an item.
             alone: an item takes all cores of a machine, and a GPU where there is one.
             shared: a folder that ``task`` reads or writes, which all machines must have.
-            progress: called with the share done.
+            progress: called with the share that is done, 0 to 1.
 
         Returns:
             The results in the order of ``items``.
 
         Raises:
-            Exception: what ``task`` raised first; the others are given up.
+            Exception: the first error of ``task``; the other items are given up.
         """
         ...
 
 
 @dataclass(frozen=True)
 class LocalExecutor:
-    """``workers`` processes of this machine, as many as there are cores by default; a single one is this process."""
+    """Runs ``workers`` processes of this machine, by default one for each core; a single worker is this process."""
 
     workers: int | None = None
 
@@ -71,7 +71,7 @@ class LocalExecutor:
         progress: Callable[[float], None] | None = None,
     ) -> list[_Result]:
         """See `Executor`."""
-        del shared  # this machine has it
+        del shared  # this machine has the folder
         total, count = max(1, len(items) * steps), 0
 
         def report(done: int) -> None:
@@ -99,7 +99,7 @@ class LocalExecutor:
 
 
 def executor_of(chosen: Executor | ExecutorName) -> Executor:
-    """The executor of that name, or ``chosen`` itself where it is one; Ray is connected to when there is work.
+    """Returns the executor of that name, or ``chosen`` itself where it is one; Ray is connected when there is work.
 
     Raises:
         MissingExtraError: Ray is not installed.

@@ -1,6 +1,6 @@
-"""JSON and small texts from files: of a stated size, not deeper than a stated depth, or one sentence.
+"""Reads JSON and small texts from files: size and depth are limited, each fault is one sentence.
 
-The one gate: nothing else in the library reads JSON. Only what stands on the command line (``--set``) has its own.
+All JSON of the library is read here, except for values on the command line (``--set``).
 """
 
 import json
@@ -16,24 +16,30 @@ MAX_DEPTH = 64
 
 
 def read_json(path: Path, *, max_bytes: int = MAX_BYTES, remedy: str = "") -> Any:
-    """The JSON value in ``path``.
+    """Returns the JSON value in ``path``.
 
     Args:
         path: a regular file.
-        max_bytes: what a longer file is refused for.
-        remedy: what messages say at their end.
+        max_bytes: longest permitted file.
+        remedy: end of the error messages.
 
     Raises:
-        FileFormatError: it is missing, no regular file, too long, too deeply nested, or no JSON.
+        FileFormatError: the file is missing, no regular file, too long, too deeply nested, or no JSON.
     """
     return parse_json(read_small_text(path, max_bytes=max_bytes, remedy=remedy), str(path), remedy, max_bytes)
 
 
 def parse_json(text: str | bytes, where: str, remedy: str = "", max_bytes: int = MAX_BYTES) -> Any:
-    """The JSON value that ``text`` states; ``where`` it is from begins the message, ``remedy`` ends it.
+    """Returns the JSON value of ``text``.
+
+    Args:
+        text: the JSON.
+        where: its source, the beginning of the error messages.
+        remedy: end of the error messages.
+        max_bytes: longest permitted text.
 
     Raises:
-        FileFormatError: it is longer than ``max_bytes``, no JSON, or nested deeper than `MAX_DEPTH`.
+        FileFormatError: the text is longer than ``max_bytes``, no JSON, or nested deeper than `MAX_DEPTH`.
     """
     end = f"; {remedy}" if remedy else ""
     if len(text) > max_bytes:
@@ -49,10 +55,15 @@ def parse_json(text: str | bytes, where: str, remedy: str = "", max_bytes: int =
 
 
 def parse_json_lines(text: str, where: str, remedy: str = "") -> list[dict[str, Any]]:
-    """The JSON objects that ``text`` states, one in each line.
+    """Returns the JSON objects of ``text``, one in each line.
+
+    Args:
+        text: the lines.
+        where: their source, the beginning of the error messages.
+        remedy: end of the error messages.
 
     Raises:
-        FileFormatError: as `parse_json`, with the line; also where a line holds no object.
+        FileFormatError: as `parse_json`, with the number of the line; also where a line has no object.
     """
     values: list[dict[str, Any]] = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -65,10 +76,15 @@ def parse_json_lines(text: str, where: str, remedy: str = "") -> list[dict[str, 
 
 
 def read_small_text(path: Path, *, max_bytes: int = MAX_BYTES, remedy: str = "") -> str:
-    """The text of ``path``, in UTF-8; ``remedy`` ends the messages.
+    """Returns the text of a file in UTF-8.
+
+    Args:
+        path: a regular file.
+        max_bytes: longest permitted file.
+        remedy: end of the error messages.
 
     Raises:
-        FileFormatError: it is missing, no regular file, longer than ``max_bytes``, or no text.
+        FileFormatError: the file is missing, no regular file, longer than ``max_bytes``, or no text.
     """
     end = f"; {remedy}" if remedy else ""
     if not path.exists():
@@ -86,7 +102,16 @@ def read_small_text(path: Path, *, max_bytes: int = MAX_BYTES, remedy: str = "")
 
 
 def check_depth(value: Any, where: str, remedy: str = "") -> None:
-    """Raises FileFormatError where lists and objects are nested deeper than `MAX_DEPTH`."""
+    """Checks the nesting of a value that was read.
+
+    Args:
+        value: the value.
+        where: its source, the beginning of the error message.
+        remedy: end of the error message.
+
+    Raises:
+        FileFormatError: lists and objects are nested deeper than `MAX_DEPTH`.
+    """
     level = [value]
     for _ in range(MAX_DEPTH + 1):
         level = [inner for each in level for inner in _inside(each)]
@@ -96,7 +121,7 @@ def check_depth(value: Any, where: str, remedy: str = "") -> None:
 
 
 def too_deep(where: str, remedy: str = "") -> FileFormatError:
-    """The error for what is nested too deeply."""
+    """Returns the error for a value that is nested too deeply."""
     end = f"; {remedy}" if remedy else ""
     return FileFormatError(
         f"{where}: lists or tables are nested more than {MAX_DEPTH} deep, expected a few levels{end}"

@@ -14,19 +14,19 @@ from types import ModuleType
 from ..errors import OutputError
 
 _held: set[str] = set()
-"""Keys of the locks that this process holds: it may take them again."""
+"""Keys of the locks that this process holds; it may take them again."""
 
 
 @contextmanager
 def output_lock(path: Path) -> Generator[None]:
-    """Holds the output ``path`` for this process until the block ends; the operating system lets go when it dies.
+    """Holds the output ``path`` for this process until the block ends; the operating system frees it if it dies.
 
-    The lock is a file in the folder for temporary files, so it leaves nothing beside the output and holds for the
-    processes of one machine. On Windows, where a file that is being written can be neither renamed nor removed, it does
-    nothing.
+    The lock is a file in the folder for temporary files, so it leaves nothing beside the output and is valid for the
+    processes of one machine. On Windows, where a file that is being written can be neither renamed nor removed, it has
+    no effect.
 
     Raises:
-        OutputError: another process holds it.
+        OutputError: another process holds the output.
     """
     fcntl, key = _fcntl(), _key(path)
     if fcntl is None or key in _held:
@@ -42,7 +42,7 @@ def output_lock(path: Path) -> Generator[None]:
                 f"{path}: is being written by {_named(folder / key)}; wait until it ends, or choose another name"
             ) from None
         stream.truncate(0)
-        with contextlib.suppress(OSError):  # on a full disk the lock holds all the same, without a name
+        with contextlib.suppress(OSError):  # on a full disk the lock holds, too, but without a name
             stream.write(f"process {os.getpid()} (tipforce {' '.join(sys.argv[1:])[:200]})".encode())
         _held.add(key)
         try:
@@ -53,7 +53,7 @@ def output_lock(path: Path) -> Generator[None]:
 
 
 def lock_holder(path: Path) -> str:
-    """Returns who holds the output ``path``, as a message names them; empty where nobody does."""
+    """Returns the holder of the output ``path`` for a message; empty where nobody holds it."""
     fcntl, key = _fcntl(), _key(path)
     if key in _held:
         return "this process"

@@ -1,4 +1,4 @@
-"""Archives of arrays (.npz) from outside: nothing is unpacked before its size is known and held to a limit."""
+"""Reads archives of arrays (.npz) of unknown origin: nothing is unpacked before its size is checked."""
 
 import io
 import math
@@ -14,15 +14,15 @@ import numpy.typing as npt
 from ..errors import FileFormatError
 
 MAX_ARRAYS = 4096
-"""Most arrays in an archive."""
+"""Largest number of arrays in an archive."""
 MAX_BYTES = 4 << 30
-"""Most bytes that an archive may unpack to; the truth of an hour at 60 frames a second has 1 GiB."""
+"""Largest number of bytes that an archive may unpack to; the true values of an hour at 60 Hz take 1 GiB."""
 MAX_RATIO = 20
-"""An archive of more than `_SMALL` bytes may unpack to so many times its own length: arrays of measured numbers hardly
-become shorter."""
-_SMALL = 64 << 20
-_HEAD_BYTES = 1 << 16
-"""Longest description of an array, in front of its numbers."""
+"""An archive larger than `SMALL_BYTES` may unpack to at most this multiple of its own size: arrays of measured numbers
+compress by less."""
+SMALL_BYTES = 64 << 20
+MAX_HEADER_BYTES = 1 << 16
+"""Longest header of an array, in front of its numbers."""
 
 _FAULTS = (
     KeyError,
@@ -37,22 +37,23 @@ _FAULTS = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""What zip and NumPy raise on files that are damaged or something else."""
+"""Errors of zip and NumPy for files that are damaged or of another kind."""
 
 
 def read_npz(
     source: Path | bytes, where: str, remedy: str = "make it again or copy it again"
 ) -> dict[str, npt.NDArray[Any]]:
-    """All arrays of an archive, held to their checksums (CRC-32).
+    """Returns all arrays of an archive; their checksums (CRC-32) are verified.
 
     Args:
         source: the file, or its content.
-        where: what messages call it.
-        remedy: what they say at their end.
+        where: its name in the error messages.
+        remedy: end of the error messages.
 
     Raises:
-        FileFormatError: it is no such archive or damaged, an array holds objects or claims another size than it has, or
-            the archive would unpack to more than `MAX_BYTES`, or more than `MAX_RATIO` times its own length.
+        FileFormatError: the file is no such archive or damaged, an array contains objects or its header states another
+            size than it has, or the archive would unpack to more than `MAX_BYTES`, or more than `MAX_RATIO` times its
+            own size.
     """
     length = len(source) if isinstance(source, bytes) else source.stat().st_size
     try:
@@ -60,25 +61,26 @@ def read_npz(
             members = archive.infolist()
             if len(members) > MAX_ARRAYS:
                 raise FileFormatError(f"{where}: holds {len(members)} arrays, more than {MAX_ARRAYS}; {remedy}")
-            unpacked, limit = sum(each.file_size for each in members), min(MAX_BYTES, max(_SMALL, MAX_RATIO * length))
+            unpacked = sum(each.file_size for each in members)
+            limit = min(MAX_BYTES, max(SMALL_BYTES, MAX_RATIO * length))
             if unpacked > limit:
                 raise FileFormatError(
                     f"{where}: would unpack to {unpacked} bytes, but a file of {length} bytes may to {limit}; {remedy}"
                 )
             return {each.filename.removesuffix(".npy"): _member(archive, each, where, remedy) for each in members}
     except _FAULTS as error:
-        said = str(error).strip().split("\n")[0][:200] or type(error).__name__
-        raise FileFormatError(f"{where}: no readable arrays ({said}); {remedy}") from None
+        reason = str(error).strip().split("\n")[0][:200] or type(error).__name__
+        raise FileFormatError(f"{where}: no readable arrays ({reason}); {remedy}") from None
 
 
 def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, where: str, remedy: str) -> npt.NDArray[Any]:
     with archive.open(member) as stream:
         data = stream.read()
-    head = io.BytesIO(data[:_HEAD_BYTES])
+    head = io.BytesIO(data[:MAX_HEADER_BYTES])
     read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     try:
         shape, _, kind = read[np.lib.format.read_magic(head)](head)
-    except Exception:  # the description is read as Python's literals, and each step raises kinds of its own
+    except Exception:  # the header is read as literals of Python, and each step has errors of its own
         raise ValueError(f"{member.filename[:100]!r} is no array") from None
     held = len(data) - head.tell()
     if kind.hasobject or any(n < 0 for n in shape) or math.prod(shape) * kind.itemsize != held:

@@ -1,4 +1,4 @@
-"""Child processes and signals: whatever ends this process ends its children, and nothing is left half-written."""
+"""Child processes and signals: when this process ends, its children end, and no file is left half-written."""
 
 import ctypes
 import multiprocessing
@@ -21,28 +21,30 @@ ENDING = tuple(
 )  # Windows has no SIGHUP
 """Signals that end a program: Ctrl-C, the operating system, a terminal that is closed."""
 _GRACE_S, _CHILD_GRACE_S = 0.8, 1.5
-"""So long a worker may clean up before it is killed, and a program that this one started, which may have workers."""
+"""Time in which a worker may clean up before it is killed; and a program that this one started, which may have
+workers."""
 _AGAIN_S = 0.01
 _PR_SET_PDEATHSIG = 1
 _PARENT = "TIPFORCE_PARENT"
 """Environment variable: process number of the tipforce that started this one."""
 _running: dict["subprocess.Popen[str]", bool] = {}
-"""Programs that this one started and that have not ended: whether they were asked to."""
+"""Programs that this one started and that have not ended -> whether they were asked to end."""
 _T = TypeVar("_T")
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 Task = Callable[[_Item, Callable[[], None]], _Result]
-"""Does one item and calls the function after each of its steps. It and its items must be importable and picklable."""
+"""Processes one item and calls the function after each of its steps. Task and items must be importable and
+picklable."""
 
 
 def ending_signals() -> tuple[signal.Signals, ...]:
-    """Returns those of `ENDING` that this process looks after: not SIGHUP where ``nohup`` has it ignored."""
+    """Returns those of `ENDING` that this process handles: not SIGHUP where ``nohup`` made it ignored."""
     hang_up = getattr(signal, "SIGHUP", None)
     return tuple(each for each in ENDING if each != hang_up or signal.getsignal(each) != signal.SIG_IGN)
 
 
 class Interrupted(BaseException):
-    """Ctrl-C, SIGTERM or SIGHUP; ``signal``: which one. Not an `Exception`: only the end of the program catches it."""
+    """Ctrl-C, SIGTERM or SIGHUP, in ``signal``. It is no `Exception`: only the end of the program catches it."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -51,14 +53,19 @@ class Interrupted(BaseException):
 
 @contextmanager
 def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
-    """The first of `ENDING` raises `Interrupted`: drives brake, files are cleaned up. The second ends at once.
+    """Lets the first of `ENDING` raise `Interrupted` and the second end the process.
 
-    SIGHUP never ends at once: a terminal that is closed may send it twice.
+    After the first one, drives brake and files are cleaned up. The second one ends the process immediately. SIGHUP
+    never does: a terminal that is closed may send it twice.
 
-    Of a ``worker`` it ends nothing, for its parent and a terminal may both ask; it ends within `_GRACE_S` in any case.
+    A second signal does not end a ``worker``, because its parent and a terminal may both send one; a worker ends within
+    `_GRACE_S` after the first one in any case.
 
-    In any other thread than the main one, where Python does not handle signals, nothing is changed. Where another
-    tipforce started this one, it also ends with that, which alone is sent the signals of a terminal (`run_child`).
+    In any thread but the main one, where Python does not handle signals, nothing is changed. Where another tipforce
+    started this one, this one ends with it, too; a terminal sends its signals to the other one only (`run_child`).
+
+    Args:
+        worker: whether this process is a worker of another one.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -77,13 +84,13 @@ def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
             _ask_to_end(child)
         _starts.interrupt(number)
 
-    def lost(what: "sys.UnraisableHookArgs") -> None:
-        if not isinstance(what.exc_value, Interrupted):
-            hook_before(what)
+    def lost(unraisable: "sys.UnraisableHookArgs") -> None:
+        if not isinstance(unraisable.exc_value, Interrupted):
+            hook_before(unraisable)
             return
         for each in before:
             signal.signal(each, first)
-        _send_again(what.exc_value.signal)
+        _send_again(unraisable.exc_value.signal)
 
     def second(number: int, frame: FrameType | None) -> None:
         del frame
@@ -93,7 +100,8 @@ def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
 
     if parent := os.environ.pop(_PARENT, ""):
         _end_with(int(parent))
-    # what is raised in a finalizer or a callback, such as those of Python's imports, is dropped there: once more, then
+    # Python drops an error that is raised in a finalizer or a callback, such as those of its imports: it is raised
+    # again
     hook_before, sys.unraisablehook = sys.unraisablehook, lost
     before = {each: signal.getsignal(each) for each in ending_signals()}
     for each in before:
@@ -112,7 +120,7 @@ def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
 
 
 def _called_by_compiled_code(frame: FrameType | None) -> bool:
-    """Whether ``frame`` is within a call that compiled code makes and after which it crashes if that raised.
+    """Whether ``frame`` is within a call that compiled code makes and after which it crashes if the call raises.
 
     These are the import of a compiled module, and the making of a named tuple that a compiled function returns.
     """
@@ -141,15 +149,16 @@ def _send_to_main_thread(number: int) -> None:
 def worker_pool(
     workers: int, initializer: Callable[..., None] | None = None, initargs: tuple[Any, ...] = ()
 ) -> Generator[ProcessPoolExecutor]:
-    """A pool of processes that ends with the block, and with this process even where that is killed.
+    """Yields a pool of processes that ends with the block, and with this process even if that is killed.
+
+    Each process has its share of the cores. After an `Exception` in the block the pool waits for the tasks that have
+    begun; after anything else, such as Ctrl-C, the processes end within `_GRACE_S`, in which they remove unfinished
+    files.
 
     Args:
         workers: number of processes.
         initializer: called in each process when it starts, with ``initargs``.
         initargs: its arguments.
-
-    Each process has its share of the cores. An `Exception` in the block waits for what the processes have begun;
-    anything else, such as Ctrl-C, ends them within `_GRACE_S`, in which they remove what they were writing.
     """
     pool = _Pool(
         workers,
@@ -170,7 +179,7 @@ def worker_pool(
 
 
 class _Pool(ProcessPoolExecutor):
-    """One whose processes start without SIGINT, each when it is first needed, and end when they are asked to."""
+    """A pool whose processes start without SIGINT, each when it is first needed, and end when they are asked to."""
 
     def submit(self, fn: Callable[..., _T], /, *args: Any, **kwargs: Any) -> Future[_T]:
         with _starts:
@@ -178,9 +187,9 @@ class _Pool(ProcessPoolExecutor):
 
 
 def _until_asked_to_end(work: Callable[..., _T], *args: Any, **kwargs: Any) -> _T:
-    """The work. SIGTERM ends this process once the work has cleaned up, and at once where it does none.
+    """Returns the result of the work. After SIGTERM this process ends as soon as the work has cleaned up.
 
-    The loop of the pool would take the end of the work for its result, and begin the next.
+    The loop of the pool would take the end of the work for its result, and begin the next item.
     """
     try:
         with signals_end_the_program(worker=True):
@@ -190,7 +199,7 @@ def _until_asked_to_end(work: Callable[..., _T], *args: Any, **kwargs: Any) -> _
 
 
 def _end_later(number: int) -> None:
-    """Ends this process after `_GRACE_S`, whatever becomes of the interrupt: its parent may be dead."""
+    """Ends this process after `_GRACE_S`, even if the interrupt has no effect: its parent may be dead."""
     last = threading.Timer(_GRACE_S, os._exit, (128 + number,))
     last.daemon = True
     last.start()
@@ -201,7 +210,7 @@ class _Starts:
 
     The child never gets SIGINT, from its first instruction on: a terminal sends it to all processes, and the parent
     decides. An interrupt of this process waits until the block ends, so that no child is left half-started or
-    unknown. ``ended``: by which signal this process was interrupted, or 0.
+    unknown. ``ended``: number of the signal that interrupted this process, or 0.
     """
 
     def __init__(self) -> None:
@@ -240,13 +249,13 @@ _starts = _Starts()
 def run_child(
     command: Sequence[str], *, capture: bool = False, timeout_s: float | None = None, threads: int | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Runs a command and waits for it; where the wait ends otherwise, the command ends, too.
+    """Runs a command and waits for it; an error during the wait ends the command, too.
 
     Args:
         command: the program and its arguments.
-        capture: keep what it writes to standard error.
-        timeout_s: after which it is ended.
-        threads: cores that it may use; None: all that this process may.
+        capture: whether its standard error is kept.
+        timeout_s: time in s after which it is ended; None: no limit.
+        threads: number of cores that it may use; None: all cores of this process.
 
     Raises:
         TimeoutExpired: of subprocess, after ``timeout_s``.
@@ -260,10 +269,10 @@ def run_child(
         with _starts:
             child = subprocess.Popen(command, stderr=error_to, text=True, env=environment)
             _running[child] = False
-        if _starts.ended:  # before this thread knew
+        if _starts.ended:  # the interrupt came before this child was registered
             _ask_to_end(child)
-        _, said = child.communicate(timeout=timeout_s)
-        return subprocess.CompletedProcess(command, child.returncode, stderr=said)
+        _, error_text = child.communicate(timeout=timeout_s)
+        return subprocess.CompletedProcess(command, child.returncode, stderr=error_text)
     except BaseException:
         if child is not None:
             _end_child(child)
@@ -274,7 +283,7 @@ def run_child(
 
 
 def _end_child(child: "subprocess.Popen[str]") -> None:
-    """Asks a child to end, and kills it where it has not within `_CHILD_GRACE_S`."""
+    """Asks a child to end, and kills it if it has not ended within `_CHILD_GRACE_S`."""
     with child:
         _ask_to_end(child)
         try:
@@ -284,14 +293,14 @@ def _end_child(child: "subprocess.Popen[str]") -> None:
 
 
 def _ask_to_end(child: "subprocess.Popen[str]") -> None:
-    """Once: the second SIGTERM would end it before it has cleaned up."""
+    """Sends SIGTERM once: a second one would end the child before it has cleaned up."""
     if not _running[child]:
         _running[child] = True
         child.terminate()
 
 
 def _end_workers() -> None:
-    """Asks all workers of this process to end, and kills those that have not within `_GRACE_S`."""
+    """Asks all workers of this process to end, and kills those that have not ended within `_GRACE_S`."""
     children = multiprocessing.active_children()
     for child in children:
         child.terminate()
@@ -305,7 +314,7 @@ def _end_workers() -> None:
 def _start_worker(
     parent: int, threads: int, initializer: Callable[..., None] | None, initargs: tuple[Any, ...]
 ) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Windows; elsewhere it is held back
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for Windows; elsewhere it is blocked
     _end_with(parent)
     limit_threads(threads)
     if initializer is not None:
@@ -313,7 +322,7 @@ def _start_worker(
 
 
 def limit_threads(threads: int) -> None:
-    """Gives the libraries of this process its share of the cores: more threads than cores only wait for each other."""
+    """Limits the threads of the libraries in this process to its share of the cores: more threads only wait."""
     import cv2
     import numba
     import scipy.linalg  # pyright: ignore[reportUnusedImport] # noqa: F401 (loads the libraries that are limited)
@@ -325,9 +334,9 @@ def limit_threads(threads: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """Has SIGTERM sent to this process when ``parent`` dies, as far as the operating system offers it."""
+    """Makes the operating system send SIGTERM to this process when ``parent`` dies, where it can (Linux)."""
     if sys.platform != "linux":
         return
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent:  # it died before
+    if os.getppid() != parent:  # it had died already
         os._exit(128 + signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""Work on the nodes of a Ray cluster. All of them need this program, and the folders that are worked in."""
+"""Runs work on the nodes of a Ray cluster. All nodes need this program, and the folders that the work uses."""
 
 import importlib
 import os
@@ -16,11 +16,12 @@ from .cores import cores
 from .processes import Task, limit_threads
 
 ADDRESS = "RAY_ADDRESS"
-"""Environment variable: where the cluster is, as in ``10.0.0.1:6379``; without it Ray is started on this machine."""
-_RETRIES = 5
-"""So often an item is done again that was lost with its process or node; then it is the item that kills them."""
+"""Environment variable with the address of the cluster, such as ``10.0.0.1:6379``; without it Ray starts on this
+machine."""
+MAX_RETRIES = 5
+"""Number of times that an item is done again after its process or node was lost; then the item itself is the cause."""
 _POLL_S = 0.2
-_TELL_S = 0.5
+COUNT_PERIOD_S = 0.5
 _MARK = ".node-check-"
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -28,16 +29,16 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True)
 class RayExecutor:
-    """Each item is a task of Ray with one core. What was lost with a process or node is done again elsewhere.
+    """Each item is a task of Ray with one core. An item whose process or node was lost is done again elsewhere.
 
-    ``address``: of the cluster, None for one on this machine that ends with the work.
+    ``address``: address of the cluster; None for one on this machine that ends with the work.
     """
 
     address: str | None = None
 
     @classmethod
     def from_environment(cls) -> "RayExecutor":
-        """With the address that `ADDRESS` states. Raises MissingExtraError where Ray is not installed."""
+        """Returns an executor with the address in `ADDRESS`. Raises MissingExtraError where Ray is not installed."""
         _import_ray()
         return cls(os.environ.get(ADDRESS) or None)
 
@@ -54,8 +55,7 @@ class RayExecutor:
         """See `Executor`.
 
         Raises:
-            InputError: a node lacks the folders or has another version of this program, or an item was lost again and
-                again.
+            InputError: a node lacks the folders or has another version of this program, or an item was lost repeatedly.
         """
         if not items:
             return []
@@ -64,7 +64,7 @@ class RayExecutor:
             seen = None if mark is None else str(mark.absolute())
 
             def send(numbers: Sequence[int], needs: Mapping[str, int]) -> list[Any]:
-                work = ray.remote(_work).options(max_retries=_RETRIES, **needs)
+                work = ray.remote(_work).options(max_retries=MAX_RETRIES, **needs)
                 setup = ray.put(_Setup(task, str(Path.cwd()), seen, _version(), needs["num_cpus"], counter))
                 return [work.remote(setup, number, items[number]) for number in numbers]
 
@@ -95,29 +95,29 @@ class RayExecutor:
 
 
 class _Counter:
-    """Where nodes tell how many steps they have done; of an item that is done again, those of the last time."""
+    """Counts the steps that the nodes have done; for an item that is done again, those of the last time."""
 
     def __init__(self) -> None:
         self._steps: dict[int, int] = {}
 
     def put(self, item: int, steps: int) -> None:
-        """Steps of an item so far."""
+        """Stores the number of steps of an item so far."""
         self._steps[item] = steps
 
     def total(self) -> int:
-        """Steps of all items."""
+        """Returns the number of steps of all items."""
         return sum(self._steps.values())
 
 
 def _counter_here(ray: Any) -> Any:
-    """A counter on the node of this process, which lives as long as it is needed."""
+    """Returns a counter on the node of this process, which lives as long as it is needed."""
     node = ray.get_runtime_context().get_node_id()
     here = importlib.import_module("ray.util.scheduling_strategies").NodeAffinitySchedulingStrategy(node, soft=True)
     return ray.remote(_Counter).options(num_cpus=0, scheduling_strategy=here).remote()
 
 
 def _counted(ray: Any, counter: Any) -> int:
-    """Steps done so far; 0 where the counter is busy or lost: progress then counts whole items."""
+    """Returns the steps done so far; 0 where the counter is busy or lost: progress then counts whole items."""
     try:
         return ray.get(counter.total.remote(), timeout=_POLL_S)
     except ray.exceptions.RayError:
@@ -125,21 +125,21 @@ def _counted(ray: Any, counter: Any) -> int:
 
 
 def _nodes(ray: Any) -> list[dict[str, float]]:
-    """What each node that is there has."""
+    """Returns the resources of each node that is alive."""
     return [node["Resources"] for node in ray.nodes() if node["Alive"]]
 
 
 def _largest_node(ray: Any) -> dict[str, int]:
-    """What the largest node has: one with a GPU before one with more cores."""
+    """Returns the resources of the largest node: a node with a GPU comes before one with more cores."""
     best = max(_nodes(ray), key=lambda has: (has.get("GPU", 0) > 0, has.get("CPU", 0)))
     needs = {"num_cpus": max(1, int(best.get("CPU", 1)))}
     return needs | {"num_gpus": 1} if best.get("GPU", 0) >= 1 else needs
 
 
 def _left_for(ray: Any, needs: Mapping[str, int]) -> dict[str, int] | None:
-    """What the largest node has where every one that has what is needed is gone, and with it what was done there.
+    """Returns the resources of the largest node that is left, if all nodes with the resources ``needs`` were lost.
 
-    None while one of them is there, or none at all, which Ray waits for.
+    Returns None while one of them is alive; also if there is no node at all, because Ray waits for one.
     """
     nodes, largest = _nodes(ray), _largest_node(ray)
     if any(_has(node, needs) for node in nodes) or not any(_has(node, largest) for node in nodes):
@@ -153,7 +153,7 @@ def _has(node: Mapping[str, float], needs: Mapping[str, int]) -> bool:
 
 @dataclass(frozen=True)
 class _Setup:
-    """What each item needs: the task, the folder to work in, a file that all nodes must have, version, cores."""
+    """Setup of each item: the task, its working folder, a file that all nodes must have, version, cores."""
 
     task: "Task[Any, Any]"
     folder: str
@@ -164,25 +164,25 @@ class _Setup:
 
 
 def _work(setup: _Setup, number: int, item: Any) -> Any:
-    """On a node: one item."""
+    """Processes one item on a node."""
     node = socket.gethostname()
     if setup.version != _version():
         raise InputError(f"node {node}: has tipforce {_version()}, the others have {setup.version}; install the same")
     for path in (setup.folder, setup.mark):
         if path is not None and not Path(path).exists():
             raise InputError(
-                f"node {node}: there is no {path}; the folder that is worked in must be on a file system that all "
+                f"node {node}: there is no {path}; the working folder must be on a file system that all "
                 "nodes have at the same path"
             )
-    os.chdir(setup.folder)  # as relative paths were meant
+    os.chdir(setup.folder)  # relative paths refer to this folder
     limit_threads(setup.cores)
-    steps, told_s = 0, 0.0
+    steps, sent_s = 0, 0.0
 
     def step() -> None:
-        nonlocal steps, told_s
+        nonlocal steps, sent_s
         steps += 1
-        if setup.counter is not None and time.monotonic() - told_s >= _TELL_S:
-            told_s = time.monotonic()
+        if setup.counter is not None and time.monotonic() - sent_s >= COUNT_PERIOD_S:
+            sent_s = time.monotonic()
             setup.counter.put.remote(number, steps)
 
     return setup.task(item, step)
@@ -195,8 +195,8 @@ def _result(ray: Any, ref: Any) -> Any:
         raise error.cause from None
     except ray.exceptions.RayError as error:
         raise InputError(
-            f"Ray lost a part of the work {1 + _RETRIES} times ({type(error).__name__}); what is finished is kept: "
-            "the same command goes on with it"
+            f"Ray lost a part of the work {1 + MAX_RETRIES} times ({type(error).__name__}); finished parts are kept: "
+            "the same command continues from them"
         ) from error
 
 
@@ -207,7 +207,7 @@ def _version() -> str:
 
 
 def _import_ray() -> Any:
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anybody
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage data leave this machine
     try:
         return importlib.import_module("ray")
     except ModuleNotFoundError as error:
@@ -216,7 +216,7 @@ def _import_ray() -> Any:
 
 @contextmanager
 def _connected(address: str | None) -> Generator[Any]:
-    """Ray, connected. A connection that stood before stays."""
+    """Yields Ray, connected. A connection that existed before is kept."""
     ray = _import_ray()
     if ray.is_initialized():
         yield ray
@@ -237,11 +237,11 @@ def _connected(address: str | None) -> Generator[Any]:
 
 @contextmanager
 def _mark(shared: Path | None) -> Generator[Path | None]:
-    """A file in ``shared`` by which a node knows that it has the same folder, and not one of the same name."""
+    """Yields a file in ``shared`` by which a node recognises the same folder, not another one of the same name."""
     if shared is None:
         yield None
         return
-    for left in shared.glob(f"{_MARK}*"):  # of a run that was killed
+    for left in shared.glob(f"{_MARK}*"):  # left by a run that was killed
         left.unlink(missing_ok=True)
     mark = shared / f"{_MARK}{secrets.token_hex(4)}"
     mark.touch()

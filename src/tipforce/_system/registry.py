@@ -5,8 +5,8 @@ A package adds one by an entry point (``importlib.metadata``). Its ``pyproject.t
     [project.entry-points."tipforce.estimators"]
     ridge = "tipforce_ridge:Ridge"
 
-Those of tipforce are written down as the same name and value, so that they are found without an installation, too.
-Nothing is imported before somebody asks for it: a package that cannot be imported hinders nobody else.
+Those of tipforce are listed here as the same name and value, so that they are found without an installation, too.
+Each is imported when it is first requested: a package that cannot be imported does not affect the others.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,7 +24,7 @@ class Registry(Mapping[str, _T], Generic[_T]):
 
     Args:
         group: the group of the entry points.
-        noun: a word for such an object, as "method".
+        noun: a word for such an object, such as "method".
         own: those of tipforce: name -> ``module:attribute``, or ``module``.
         kind: base class of all of them; None: they need not be classes.
     """
@@ -67,7 +67,7 @@ class Registry(Mapping[str, _T], Generic[_T]):
                 raise
             raise InputError(
                 f"the {self.noun} {first.name!r} of the package {_package(first)} cannot be loaded from {first.value} "
-                f"({type(error).__name__}: {error}); mend the package, or uninstall it"
+                f"({type(error).__name__}: {error}); repair the package, or uninstall it"
             ) from error
         if self._kind is not None and not (isinstance(found, type) and issubclass(found, self._kind)):
             raise InputError(
