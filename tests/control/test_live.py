@@ -328,7 +328,7 @@ def test_start_and_goal_are_marked_where_the_drives_are() -> None:
             run.control.start()
         run.control.mark_start()
         run.until(lambda: run.control.status.reason == "mark goal")
-        with pytest.raises(InputError, match="two places"):
+        with pytest.raises(InputError, match="two positions"):
             run.control.mark_goal()
         run.drives.place = 0.3
         with pytest.raises(InputError, match=r"1 mm of path or more, got 0\.30"):

@@ -201,7 +201,7 @@ def test_start_and_goal_must_fit_the_drives() -> None:
     plant = Plant(lambda _: 0.0, 0.1)
     for start, goal, said in (
         ({"advance_mm": 0.0}, {"knob_deg": 1.0}, "the same axes"),
-        ({"advance_mm": 0.0}, {"advance_mm": 0.0}, "two places"),
+        ({"advance_mm": 0.0}, {"advance_mm": 0.0}, "two positions"),
     ):
         with pytest.raises(InputError, match=said):
             Path(start, goal)
@@ -297,15 +297,15 @@ def test_time_without_contact_does_not_make_a_wrong_model_of_the_wall_right() ->
     observer = WallObserver(ObserverSettings(), wall_mm=-10.0, wall_sigma_mm=1.0)
     for number in range(10):
         observer.add(Sample(number / 30, 0.3, 0.005, 0.0))
-    wrong_n = observer.surprise_n
+    wrong_n = observer.max_residual_n
     assert wrong_n > 0.2
     for number in range(10, 130):
         observer.add(Sample(number / 30, 0.0, 0.005, -20.0))
-    assert observer.surprise_n == wrong_n
+    assert observer.max_residual_n == wrong_n
     for number in range(130, 230):
         depth_mm = 0.1 / observer.gain_n_per_mm - observer.wall_mm(number / 30)
         observer.add(Sample(number / 30, 0.1, 0.005, depth_mm))
-    assert observer.surprise_n < 0.1
+    assert observer.max_residual_n < 0.1
 
 
 def test_without_estimates_the_force_is_taken_to_rise_as_fast_as_it_did() -> None:

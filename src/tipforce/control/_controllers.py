@@ -1,4 +1,4 @@
-"""Controllers: from estimates of the force to a place on the path. Small and pure: they know no drive and no clock."""
+"""Controllers: from estimates of the force to a position on the path. They know no drive and no clock."""
 
 import math
 from typing import Protocol
@@ -8,22 +8,33 @@ from ._settings import ControllerName, ControlSettings
 
 
 class Controller(Protocol):
-    """Holds a force: told each estimate, asked every few milliseconds where to go."""
+    """Holds a force: takes each estimate, and returns the wanted position every few milliseconds."""
 
     def begin(self, position_mm: float) -> None:
-        """Holding begins with the catheter at ``position_mm``."""
+        """Begins to hold, with the catheter at ``position_mm``."""
         ...
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
-        """Take an estimate. ``gain_n_per_mm``: the plant's, as it is known now."""
+        """Takes an estimate.
+
+        Args:
+            sample: the estimate.
+            target_n: wanted force.
+            gain_n_per_mm: present estimate of the plant's gain.
+        """
         ...
 
     def position_mm(self, time_s: float, target_n: float) -> float:
-        """Where the catheter shall be sent at ``time_s``."""
+        """Returns the wanted position on the path.
+
+        Args:
+            time_s: time of the command.
+            target_n: wanted force.
+        """
         ...
 
     def applied(self, position_mm: float) -> None:
-        """Where it was really sent: limits may have had another opinion."""
+        """Takes the position that was sent: limits may have changed the wanted one."""
         ...
 
 
@@ -38,25 +49,27 @@ class Still:
         self._position = position_mm
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
-        """Nothing is taken."""
+        """Ignores the estimate."""
 
     def position_mm(self, time_s: float, target_n: float) -> float:
-        """Where it began."""
+        """Returns the position at which the hold began."""
         del time_s, target_n
         return self._position
 
     def applied(self, position_mm: float) -> None:
-        """Nothing follows from it."""
+        """Ignores the position."""
 
 
 class ProportionalIntegral:
     """PI on the force over the gain, with anti-windup by back-calculation.
 
-    A plant that is a gain with a dead time ``loop_delay_s``: ``integral = 0.35 / delay`` and ``proportional = 0.2``
-    leave it stable also where the gain is known to a factor of two only.
+    A plant that is a gain with a dead time ``loop_delay_s`` stays stable with ``integral = 0.35 / delay`` and
+    ``proportional = 0.2``, even if its gain is wrong by a factor of two.
 
     Args:
-        loop_delay_s: from the wall's motion to the answer to it.
+        loop_delay_s: time from the wall's motion to the clamp's response.
+            proportional: part of the force error that is corrected immediately.
+            integral: part of the force error that is corrected within one ``loop_delay_s``.
     """
 
     def __init__(self, loop_delay_s: float, proportional: float = 0.2, integral: float = 0.35) -> None:
@@ -83,7 +96,7 @@ class ProportionalIntegral:
         return self._wanted
 
     def applied(self, position_mm: float) -> None:
-        """What was not allowed is taken back from the sum."""
+        """Takes the part that the limits did not allow back from the sum."""
         lost = position_mm - self._wanted
         self._sum += lost
         self._wanted = position_mm
@@ -92,7 +105,12 @@ class ProportionalIntegral:
 class Admittance:
     """The catheter gives way to the force like a damped mass: ``m a + b v = target - force``.
 
-    ``b = gain * give_way_s`` and ``m = b * inertia_s``, so that it answers a stiff wall as fast as a soft one.
+    ``b = gain * give_way_s`` and ``m = b * inertia_s``: so it responds to a stiff wall as fast as to a soft one.
+
+    Args:
+        loop_delay_s: time from the wall's motion to the clamp's response.
+        give_way: ``give_way_s`` in units of ``loop_delay_s``.
+        inertia: ``inertia_s`` in units of ``loop_delay_s``.
     """
 
     def __init__(self, loop_delay_s: float, give_way: float = 3.0, inertia: float = 0.5) -> None:
@@ -109,7 +127,7 @@ class Admittance:
         self._push = (target_n - sample.force_n) / (gain_n_per_mm * self._give_way_s)
 
     def position_mm(self, time_s: float, target_n: float) -> float:
-        """See `Controller`: the mass moves on as time does."""
+        """See `Controller`; the mass moves on until ``time_s``."""
         del target_n
         dt_s = 0.0 if self._time_s is None else max(0.0, time_s - self._time_s)
         self._time_s = time_s
@@ -118,77 +136,90 @@ class Admittance:
         return self._wanted
 
     def applied(self, position_mm: float) -> None:
-        """A mass that was stopped has no speed."""
+        """Sets the speed of the mass to zero where limits stopped it."""
         if abs(position_mm - self._wanted) > 1e-9:
             self._speed = 0.0
         self._wanted = position_mm
 
 
-_LEAD_RANGE_S = (0.0, 0.15)
-_LEAD_TIME_S = 3.0
-"""Time constant with which the drives' lateness is learnt."""
-_STEP_S = 5e-3
-"""For the speed of the prediction."""
-_SLOW_MM_PER_S = 1.0
-"""Slower motion says nothing of a lateness."""
+_DELAY_RANGE_S = (0.0, 0.15)
+"""Range of the delay of the drives."""
+_DELAY_TIME_S = 3.0
+"""Time constant with which the delay of the drives is learnt."""
+_DIFFERENCE_STEP_S = 5e-3
+"""Step of the central difference for the speed of the prediction."""
+_MIN_SPEED_MM_PER_S = 1.0
+"""A slower motion does not show the delay of the drives."""
 
 
 class PeriodicRejection:
-    """Integral action and rejection of heart and breath: the tip goes where the predicted wall will have the target.
+    """Integral action, and rejection of heart and breath: the tip follows the predicted wall with the target force.
 
-    The observer's constant is the integral part, its oscillators are the internal model of the disturbance, at the
-    measured rate. Each is predicted to when the command takes effect, which is the phase lead of each harmonic. How
-    late the drives are is learnt from what they read back, beginning with ``drive_delay_s``. Besides, an axis that can
-    stop at its target trails a moving one by speed^2 / (2 acceleration): so far ahead the target is sent.
+    The observer's constant is the integral part. Its oscillators are the internal model of the disturbance, at the
+    measured rate. Each is predicted to the time at which the command takes effect, which is the phase lead of each
+    harmonic. The delay of the drives is learnt from their readings, beginning with ``drive_delay_s``. Besides, an axis
+    that can stop at its target is behind a moving target by speed^2 / (2 acceleration); the target is sent ahead by it.
+
+    Args:
+        observer: model of the wall.
+        drive_delay_s: delay of the drives as known beforehand.
+        max_acceleration_mm_per_s2: largest acceleration of the drives along the path.
     """
 
     def __init__(self, observer: WallObserver, drive_delay_s: float, max_acceleration_mm_per_s2: float) -> None:
-        self._observer, self.lead_s = observer, drive_delay_s
+        self._observer, self.drive_delay_s = observer, drive_delay_s
         self._acceleration = max_acceleration_mm_per_s2
-        self._power = _SLOW_MM_PER_S**2
+        self._power = _MIN_SPEED_MM_PER_S**2
         self._time_s: float | None = None
 
     def begin(self, position_mm: float) -> None:
-        """The observer knows all."""
+        """Does nothing: the observer knows the position."""
 
     def _wanted_mm(self, time_s: float, target_n: float) -> float:
         return target_n / self._observer.gain_n_per_mm - self._observer.wall_mm(time_s)
 
     def _speed_mm_per_s(self, time_s: float) -> float:
-        ahead, behind = (self._observer.wall_mm(time_s + side * _STEP_S) for side in (1.0, -1.0))
-        return (behind - ahead) / (2.0 * _STEP_S)
+        ahead, behind = (self._observer.wall_mm(time_s + side * _DIFFERENCE_STEP_S) for side in (1.0, -1.0))
+        return (behind - ahead) / (2.0 * _DIFFERENCE_STEP_S)
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
-        """The observer has the force already; where the catheter was tells how late the drives are."""
+        """Learns the delay of the drives from the position; the observer has the force already."""
         del gain_n_per_mm
         dt_s = 0.0 if self._time_s is None else sample.time_s - self._time_s
         self._time_s = sample.time_s
         speed = self._speed_mm_per_s(sample.time_s)
         behind = self._wanted_mm(sample.time_s, target_n) - sample.position_mm
-        share = -math.expm1(-dt_s / _LEAD_TIME_S)
-        self._power += share * (max(speed * speed, _SLOW_MM_PER_S**2) - self._power)
-        lead = self.lead_s + share * behind * speed / self._power
-        self.lead_s = min(max(lead, _LEAD_RANGE_S[0]), _LEAD_RANGE_S[1])
+        share = -math.expm1(-dt_s / _DELAY_TIME_S)
+        self._power += share * (max(speed * speed, _MIN_SPEED_MM_PER_S**2) - self._power)
+        delay = self.drive_delay_s + share * behind * speed / self._power
+        self.drive_delay_s = min(max(delay, _DELAY_RANGE_S[0]), _DELAY_RANGE_S[1])
 
     def position_mm(self, time_s: float, target_n: float) -> float:
         """See `Controller`."""
         return target_n / self._observer.gain_n_per_mm - self._observer.mean_mm + self.swing_mm(time_s)
 
     def swing_mm(self, time_s: float) -> float:
-        """The motion about its middle with which the catheter follows heart and breath, as sent at ``time_s``."""
-        at_s = time_s + self.lead_s
+        """Returns the motion about its mean with which the catheter follows heart and breath, as sent at ``time_s``."""
+        at_s = time_s + self.drive_delay_s
         speed = self._speed_mm_per_s(at_s)
-        trail = speed * abs(speed) / (2.0 * self._acceleration)
-        return self._observer.mean_mm - self._observer.wall_mm(at_s) + trail
+        lag = speed * abs(speed) / (2.0 * self._acceleration)
+        return self._observer.mean_mm - self._observer.wall_mm(at_s) + lag
 
     def applied(self, position_mm: float) -> None:
-        """The observer measures where the catheter is: nothing winds up."""
+        """Does nothing: the observer measures the position, so that nothing winds up."""
 
 
 def make_controller(
     name: ControllerName, settings: ControlSettings, observer: WallObserver, max_acceleration_mm_per_s2: float
 ) -> Controller:
-    """The controller of this name; the drives' acceleration is that along the path."""
+    """Returns a new controller.
+
+    Args:
+        name: name of the controller.
+        settings: delays of the loop and of the drives.
+        observer: model of the wall.
+        max_acceleration_mm_per_s2: largest acceleration of the drives along the path.
+    """
     match name:
         case "none":
             return Still()

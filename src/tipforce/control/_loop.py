@@ -1,4 +1,4 @@
-"""The loop: estimates in, states of the run, a controller, and the safety layer in front of the drives."""
+"""The control loop: takes estimates, keeps the state of the run, and moves the drives through the safety layer."""
 
 import math
 import threading
@@ -18,46 +18,46 @@ from ._safety import Applied, SafetyAction, SafetyLayer
 from ._settings import ControlSettings
 
 _HISTORY_S = 2.0
-"""So long the drives' places are remembered: older images are of no use."""
-_SIGMAS = 2 * 1.6449
+"""Time for which the positions of the drives are kept: older images are not used."""
+_INTERVAL_SIGMAS = 2 * 1.6449
 """Width of a 90 % interval, in standard deviations."""
-_DITHER = 1.5
-"""Rate of the test motion over the heart's: between the harmonics."""
-_BREATHS_AT_TOUCH = 1.0
-"""So many are averaged where no force is held."""
-_SURE = 0.85
-"""So large a share of the wall's motion is followed when the hold may begin."""
+_DITHER_RATE_RATIO = 1.5
+"""Ratio of the rate of the test motion to the heart rate: between the harmonics."""
+_AVERAGED_BREATHS = 1.0
+"""Number of breaths over which the force is averaged with controller ``none``."""
+_MIN_FOLLOWED_SHARE = 0.85
+"""The hold may begin when this share of the wall's motion is followed."""
 _EXCESS_S = 2.0
-"""The last seconds, by which the wanted force is judged."""
-_FALL = 5.0
-"""How much faster the wanted force falls than it rises."""
-_CALM = 0.4
-"""With errors below this share of the target the heart's rate counts as found."""
-_LOST, _KEPT = 0.3, 0.8
-"""Shares of the last seconds in contact: below the one the least force is wanted, above the other the target."""
-_LEAST = 0.25
-"""Least share of the target that is wanted in hold."""
+"""Time over which the excess of the force lowers the wanted force."""
+_FALL_RATIO = 5.0
+"""Ratio of the rate at which the wanted force falls to that at which it rises."""
+_MAX_CALM_ERROR_SHARE = 0.4
+"""Share of the target: with smaller errors the heart rate counts as found."""
+_LOST_SHARE, _KEPT_SHARE = 0.3, 0.8
+"""Shares of the last seconds in contact: below the first the least force is wanted, above the second the target."""
+_MIN_TARGET_SHARE = 0.25
+"""Smallest share of the target that is wanted in hold."""
 _AHEAD_S = np.arange(0.0, 0.301, 0.05)
-"""The wall is predicted so far, half a beat, to be out of its way in time."""
+"""Times for which the wall is predicted, half a beat, so that the tip can avoid it."""
 _WALL_SIGMAS = 1.0
-"""Standard deviations of wall and gain that are counted against each prediction. Of 0.5 and 1, with rates within 10, 20
-and 40 in log-likelihood, measured on 18 analytic benches: docs/log.md."""
-_RESOLVED_HZ = 0.21
-"""The heart's rate is resolved where the rates that are plausible differ by less."""
-_RIGHT_N, _WRONG_N = 0.1, 0.2
-"""Largest errors of the predicted force within the last second: below the one the tip goes toward the wall as fast as
-the drives can, above the other carefully."""
+"""Number of standard deviations of wall and gain that are added to each prediction. 0.5 and 1 were compared, with rates
+within 10, 20 and 40 in log-likelihood, on 18 analytic benches: docs/log.md."""
+_MAX_RATE_RANGE_HZ = 0.21
+"""The heart rate is resolved where the plausible rates differ by less."""
+_SMALL_ERROR_N, _LARGE_ERROR_N = 0.1, 0.2
+"""Largest errors of the predicted force within the last second: below the first the tip goes toward the wall at the
+full speed of the drives, above the second at `_CAREFUL_MM_PER_S`."""
 _CAREFUL_MM_PER_S = 5.0
-"""So slowly the tip goes toward the wall where its motion is not known: as fast as a drive can, it doubles the speed at
-which wall and tip meet."""
-_OUT_OF_TOUCH_S = 4.0
-"""Without any contact for so long the tip is brought to the wall anew, lightly."""
+"""Speed toward the wall where its motion is not known: the full speed of a drive would double the speed at which wall
+and tip meet."""
+_MAX_WITHOUT_CONTACT_S = 4.0
+"""After this time without contact the tip approaches the wall again, lightly."""
 _HELD_S = 2.0
-_HELD_SHARE = 0.25
+_MAX_HELD_ERROR_SHARE = 0.25
 """The force is held where its root mean square distance from the target over the last `_HELD_S` is at most this share
 of the target."""
-_FAR_MM = 0.05
-"""Nearer than this to the start counts as back."""
+_START_TOLERANCE_MM = 0.05
+"""The catheter is at the start if it is nearer than this."""
 
 
 def _force_text(force_n: float) -> str:
@@ -65,7 +65,7 @@ def _force_text(force_n: float) -> str:
 
 
 class ControlState(StrEnum):
-    """Where a run is."""
+    """State of a run."""
 
     IDLE = "idle"
     APPROACH = "approach"
@@ -79,8 +79,8 @@ class ControlState(StrEnum):
 class ControlTick:
     """The loop at one command.
 
-    ``target_n``: the force that is wanted just now, 0 outside of hold. ``upper_n``: upper end of the force's interval,
-    also of an estimate that abstains because it is too wide; NaN where none is known.
+    ``target_n``: the force that is wanted at this time, 0 outside of hold. ``upper_n``: upper end of the force's
+    interval, also of an estimate that abstains because its interval is too wide; NaN where none is known.
     """
 
     time_s: float
@@ -98,18 +98,18 @@ class ControlTick:
 
 
 class ControlLoop:
-    """Holds a force with drives along a path, on the estimates that it is given.
+    """Holds a force with drives along a path, by the estimates that it is given.
 
-    `update` takes estimates as they come, `tick` is called every ``settings.period_s`` and commands the drives. The
-    operator's `start`, `retract`, `stop` and `release` may come from any thread. It knows the drives through the safety
-    layer alone.
+    `update` takes each estimate; `tick` is called every ``settings.period_s`` and commands the drives. The operator's
+    `start`, `retract`, `stop` and `release` may be called from any thread. The loop reaches the drives only through
+    the safety layer.
 
     Args:
         actuators: the drives.
-        clock: their time.
+        clock: clock of the drives.
         path: from the marked start to the marked goal.
         settings: target, controller, limits.
-        frame_period_s: between images, as the source promises.
+        frame_period_s: time between images of the source.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class ControlLoop:
         self._begin_run()
 
     def _begin_run(self) -> None:
-        # The wall is met somewhere on the path: half way, give or take half of it.
+        # The tip meets the wall at an unknown position on the path: at half its length, with a deviation of that half.
         half = 0.5 * self.path.length_mm
         self._observer = WallObserver(self.settings.observer, -half, half)
         self._controller: Controller = make_controller(
@@ -139,16 +139,16 @@ class ControlLoop:
         self._contact_s = self._touched_s = math.inf
         self._touch_mm = self._follow = 0.0
         self._slack_mm = 0.0
-        """So much nearer than every plausible wall allows the tip may go in hold: it grows while nothing is touched."""
+        """Distance that the tip may go beyond the limit by the plausible walls; it grows while there is no contact."""
         self._excess: deque[tuple[float, float]] = deque()
         self._forces: deque[tuple[float, float]] = deque()
         self._distances: deque[tuple[float, float]] = deque()
-        """Time in s and distance of the force from the target in N: `held` is judged by them."""
+        """Time in s and distance of the force from the target in N; `held` uses them."""
 
     def start(self) -> None:
-        """The operator starts: from wherever the catheter is to the marked start, then toward the goal.
+        """Starts a run: the catheter goes to the marked start, then toward the goal.
 
-        Nothing while a run is on its way, or before `release` after a `stop`: a release moves nothing.
+        Nothing happens during a run, or between `stop` and `release`: a release moves nothing.
         """
         with self._lock:
             if self.state is not ControlState.IDLE or self.safety.stopped:
@@ -156,7 +156,7 @@ class ControlLoop:
             self._left = False
             self._begin_run()
             self._wanted_mm = self.safety.measured_mm()
-            self._approach_next = abs(self._wanted_mm) > _FAR_MM
+            self._approach_next = abs(self._wanted_mm) > _START_TOLERANCE_MM
             if self._approach_next:
                 self._go(ControlState.RETRACT, "to the marked start")
             else:
@@ -168,7 +168,7 @@ class ControlLoop:
         return self._again
 
     def retract(self, reason: str = "the operator ended the run") -> None:
-        """Back to the marked start; the run is over. Without a run: nothing, unless `stop` left the catheter there."""
+        """Ends the run: the catheter goes back to the marked start. Without a run it goes back only after a `stop`."""
         with self._lock:
             self._again = self._approach_next = False
             if not self.safety.stopped and (self.state is not ControlState.IDLE or self._left):
@@ -176,7 +176,7 @@ class ControlLoop:
                 self._go(ControlState.RETRACT, reason)
 
     def stop(self) -> None:
-        """The stop key: the drives brake and stay, whatever else is wanted."""
+        """Stops the drives: they brake and stay until `release`, in every state of the run."""
         self.safety.stop()
         with self._lock:
             self._again = self._approach_next = False
@@ -184,14 +184,19 @@ class ControlLoop:
             self._go(ControlState.IDLE, "the stop key was pressed")
 
     def release(self) -> None:
-        """After `stop`: the run may be started again, or retracted."""
+        """Ends a `stop`: the run may be started again, or retracted."""
         with self._lock:
             if self.safety.stopped and self.state is ControlState.IDLE:
                 self.reason = "released"
             self.safety.release()
 
     def update(self, estimate: ForceEstimate, captured_ns: int | None = None) -> None:
-        """Take an estimate; ``captured_ns``: its mid-exposure on the loop's clock, by default its own stamp."""
+        """Takes an estimate.
+
+        Args:
+            estimate: the estimate, valid or not.
+            captured_ns: mid-exposure of its image on the loop's clock; None: the stamp of the estimate.
+        """
         with self._lock:
             captured = estimate.stamp_ns if captured_ns is None else captured_ns
             self.safety.observe(estimate, captured)
@@ -204,23 +209,23 @@ class ControlLoop:
             low, high = estimate.magnitude_interval_n if estimate.valid else estimate.abstained_interval_n
             force_n = estimate.magnitude_n if estimate.valid else 0.5 * (low + high)
             if math.isfinite(force_n):
-                sigma_n = float(high - low) / _SIGMAS if math.isfinite(high - low) else 0.0
+                sigma_n = float(high - low) / _INTERVAL_SIGMAS if math.isfinite(high - low) else 0.0
                 self._take(Sample(at_s, float(force_n), sigma_n, self._position_at(at_s)), estimate.valid)
 
     def _take(self, sample: Sample, valid: bool) -> None:
         """Takes a sample; one that is not ``valid`` is the middle of an abstained interval, with its width.
 
-        Without these the wall's model would know small forces only, where large ones are uncertain.
+        Without such samples the model of the wall would know small forces only, since large ones are often uncertain.
         """
         if self.state not in (ControlState.APPROACH, ControlState.CONTACT, ControlState.HOLD):
             return
         self._observer.add(sample)
-        span_s = _BREATHS_AT_TOUCH / self.settings.observer.respiration_hz
+        span_s = _AVERAGED_BREATHS / self.settings.observer.respiration_hz
         self._forces.append((sample.time_s, sample.force_n))
         while self._forces[0][0] < sample.time_s - span_s:
             self._forces.popleft()
-        # of an abstained interval the end that is farther from the target counts: its middle is no force
-        half_width_n = 0.0 if valid else 0.5 * _SIGMAS * sample.sigma_n
+        # of an abstained interval the end that is farther from the target counts: its middle is not an estimate
+        half_width_n = 0.0 if valid else 0.5 * _INTERVAL_SIGMAS * sample.sigma_n
         self._distances.append((sample.time_s, abs(sample.force_n - self.settings.target_n) + half_width_n))
         while len(self._distances) > 1 and self._distances[1][0] <= sample.time_s - _HELD_S:
             self._distances.popleft()
@@ -245,23 +250,23 @@ class ControlLoop:
                 self._go(ControlState.CONTACT, "contact was lost")
 
     def _out_of_touch(self, now_s: float) -> bool:
-        """Whether no force was met for a while although one is wanted: the wall's model knows nothing any more."""
+        """Whether contact is missing for `_MAX_WITHOUT_CONTACT_S` although a force is wanted: the model is outdated."""
         if self._forces[-1][1] > self.settings.contact_n or self.settings.controller != "periodic":
             self._touched_s = now_s
-        return now_s - self._touched_s > _OUT_OF_TOUCH_S
+        return now_s - self._touched_s > _MAX_WITHOUT_CONTACT_S
 
     def _touch(self, sample: Sample) -> None:
-        """In contact: stay until what the controller needs is known."""
+        """In contact: waits until the model of the wall is good enough for the controller."""
         settings, within = self.settings, sample.time_s - self._contact_s
         if settings.controller == "none":
             ready = within >= settings.settle_s
         elif settings.controller == "periodic":
             if within >= settings.learn_s:
-                # Sure is: the next beat is known to a small part of what the touch may be deep.
+                # The share that is followed rises as the error of the next beat falls below the depth of a light touch.
                 spread = self._observer.spread_mm() * self._observer.gain_n_per_mm / settings.touch_n
                 self._follow = 1.0 / (1.0 + spread * spread)
-            resolved = within >= settings.learn_s and self._observer.rate_range_hz <= _RESOLVED_HZ
-            ready = resolved or self._follow >= _SURE or within >= settings.learn_at_most_s
+            resolved = within >= settings.learn_s and self._observer.rate_range_hz <= _MAX_RATE_RANGE_HZ
+            ready = resolved or self._follow >= _MIN_FOLLOWED_SHARE or within >= settings.learn_at_most_s
         else:
             ready = True
         if ready:
@@ -271,24 +276,24 @@ class ControlLoop:
             self._go(ControlState.HOLD, "the wall's motion is known well enough")
 
     def _calm(self, now_s: float) -> bool:
-        """Whether the force has been near what is wanted for a while: the model is right, its rate too."""
+        """Whether the force was near the wanted one for `_EXCESS_S`: model and rate are then right."""
         enough = now_s - self._excess[0][0] >= 0.9 * _EXCESS_S and self._target_n >= self.settings.target_n
-        return enough and max(abs(excess) for _, excess in self._excess) < _CALM * self._target_n
+        return enough and max(abs(excess) for _, excess in self._excess) < _MAX_CALM_ERROR_SHARE * self._target_n
 
     @property
     def held(self) -> bool:
-        """Whether the force has been at the target for the last seconds: by the estimates, not by the state."""
+        """Whether the force has been at the target for the last seconds, by the estimates."""
         with self._lock:
             if self.state is not ControlState.HOLD or self._estimate is None or not self._estimate.valid:
                 return False
             if self._distances[-1][0] - self._distances[0][0] < _HELD_S:
                 return False
             mean_square_n2 = sum(distance * distance for _, distance in self._distances) / len(self._distances)
-            return math.sqrt(mean_square_n2) <= _HELD_SHARE * self.settings.target_n
+            return math.sqrt(mean_square_n2) <= _MAX_HELD_ERROR_SHARE * self.settings.target_n
 
     @property
     def progress(self) -> str:
-        """One line for people: why the run is in its state; in hold, whether the force is held, or what is missing."""
+        """One line for people: the reason of the state; in hold, whether the force is held, or the reason if not."""
         with self._lock:
             if self.state is not ControlState.HOLD:
                 return self.reason
@@ -301,7 +306,7 @@ class ControlLoop:
             return f"not held yet: brought to {target}, {_force_text(self._target_n)} is wanted now"
 
     def tick(self) -> ControlTick:
-        """Command the drives, once; returns what was done."""
+        """Commands the drives once, and returns the state of the loop."""
         with self._lock:
             now_s = self._clock.now_ns() * 1e-9
             position = self.safety.measured_mm()
@@ -359,7 +364,7 @@ class ControlLoop:
                 speed = None
             case ControlState.RETRACT:
                 self._wanted_mm, speed = 0.0, settings.retract_mm_per_s
-                if abs(position) < _FAR_MM:
+                if abs(position) < _START_TOLERANCE_MM:
                     self._arrive()
         if self.state is ControlState.HOLD and settings.controller == "periodic":
             self._slack_mm = max(0.0, self._slack_mm + self._touch_speed() * dt_s)
@@ -380,7 +385,7 @@ class ControlLoop:
             self._go(ControlState.IDLE, self.reason)
 
     def _touch_speed(self) -> float:
-        """mm/s of the path in contact: toward the wanted largest force of a beat, or mean force where none is held."""
+        """Returns the speed in contact in mm/s, toward the largest force of a beat, or with ``none`` the mean force."""
         settings = self.settings
         if self.settings.controller == "none":
             mean = sum(force for _, force in self._forces) / len(self._forces)
@@ -400,45 +405,45 @@ class ControlLoop:
         fastest = self.safety.max_speed_mm_per_s
         if self.settings.controller != "periodic":  # the others follow the force, not the wall's model
             return fastest
-        if self._observer.rate_range_hz > _RESOLVED_HZ:
+        if self._observer.rate_range_hz > _MAX_RATE_RANGE_HZ:
             return min(_CAREFUL_MM_PER_S, fastest)
-        trust = (_WRONG_N - self._observer.surprise_n) / (_WRONG_N - _RIGHT_N)
-        return max(min(_CAREFUL_MM_PER_S, fastest), fastest * min(1.0, trust))
+        speed_share = (_LARGE_ERROR_N - self._observer.max_residual_n) / (_LARGE_ERROR_N - _SMALL_ERROR_N)
+        return max(min(_CAREFUL_MM_PER_S, fastest), fastest * min(1.0, speed_share))
 
     def _excess_mm(self, now_s: float) -> float:
-        """Returns by how much the wanted place is too near to a wall that is plausible, now or soon.
+        """Returns by how much the wanted position is too deep for a plausible wall, now or soon, in mm.
 
-        The drives have to get away in time from a wall that will be nearer.
+        The drives need time to move away from a wall that comes nearer.
         """
         settings = self.settings
-        places_mm = self._wanted_mm - self.safety.max_speed_mm_per_s * _AHEAD_S
+        positions_mm = self._wanted_mm - self.safety.max_speed_mm_per_s * _AHEAD_S
         times_s = now_s + settings.drive_delay_s + _AHEAD_S
-        return self._observer.excess_mm(times_s, places_mm, self.safety.limit_n / settings.reserve, _WALL_SIGMAS)
+        return self._observer.excess_mm(times_s, positions_mm, self.safety.limit_n / settings.reserve, _WALL_SIGMAS)
 
     def _raise_target(self, dt_s: float) -> None:
-        """Toward the target, as far as the force's excess over what is wanted leaves room below the limit."""
+        """Moves the wanted force toward the target, as far as its excess over the wanted force fits below the limit."""
         settings = self.settings
         largest = max((excess for _, excess in self._excess), default=0.0)
         room = self.safety.limit_n - settings.reserve * max(largest, 0.0)
-        if self._excess:  # contact that is lost and found says that the wall is not known yet
+        if self._excess:  # repeated loss of contact shows that the motion of the wall is not known yet
             touching = sum(excess > settings.contact_n - self._target_n for _, excess in self._excess)
-            share = (touching / len(self._excess) - _LOST) / (_KEPT - _LOST)
+            share = (touching / len(self._excess) - _LOST_SHARE) / (_KEPT_SHARE - _LOST_SHARE)
             room = min(room, settings.target_n * share)
-        goal = min(settings.target_n, self.safety.limit_n, max(room, _LEAST * settings.target_n))
+        goal = min(settings.target_n, self.safety.limit_n, max(room, _MIN_TARGET_SHARE * settings.target_n))
         rise = settings.ramp_n_per_s * dt_s
-        self._target_n += min(max(goal - self._target_n, -_FALL * rise), rise)
+        self._target_n += min(max(goal - self._target_n, -_FALL_RATIO * rise), rise)
 
     def _dither_mm(self, now_s: float) -> float:
         if not isinstance(self._controller, PeriodicRejection):
             return 0.0
         size = self.settings.dither_n / self._observer.gain_n_per_mm
-        return size * math.sin(2.0 * math.pi * _DITHER * self._observer.heart_hz * now_s)
+        return size * math.sin(2.0 * math.pi * _DITHER_RATE_RATIO * self._observer.heart_hz * now_s)
 
     def _valid_for(self, now_s: float) -> float:
         return 0.0 if self._valid_since_s is None else now_s - self._valid_since_s
 
     def _position_at(self, time_s: float) -> float:
-        """Where the catheter was at ``time_s``, between what was measured before and after."""
+        """Returns the position of the catheter at ``time_s``, interpolated between the readings of the drives."""
         if not self._history:
             return self.safety.measured_mm()
         row = bisect_left(self._history, (time_s, -math.inf))

@@ -1,9 +1,9 @@
-"""Where the wall will be: an extended Kalman filter over a model of its motion, the heart's rate, and the plant's gain.
+"""Predicts the wall: an extended Kalman filter over a model of its motion, the heart rate, and the gain of the plant.
 
-State, of each of ``B`` rates that are tried: the wall's constant, the breath as an oscillator, ``H`` harmonics of the
+State, for each of ``B`` rates that are tried: the wall's constant, the breath as an oscillator, ``H`` harmonics of the
 heart as oscillators (two numbers each), the heart's rate in rad/s, and the logarithm of the gain. The force is the
-gain times how deep the tip stands in the wall, ``position + wall``, and never below zero. A force of zero where the
-model has none tells nothing, one where it has some tells that the wall is farther away.
+gain times the depth of the tip in the wall, ``position + wall``, and never below zero. A measured force of zero where
+the model has none has no information; where the model has a force, it shows that the wall is farther away.
 """
 
 import math
@@ -17,21 +17,28 @@ from ._settings import ObserverSettings
 
 _BREATH, _HEART = 1, 3
 _TWO_PI = 2.0 * math.pi
-_MEMORY_S = 10.0
-"""So long counts what a rate explained, and what it did not."""
-_PLAUSIBLE = 20.0
-"""A rate counts as long as its log-likelihood is at most so much smaller than that of the most likely one."""
-_TEMPERED = 0.25
+_LIKELIHOOD_MEMORY_S = 10.0
+"""Time constant with which the log-likelihood of a rate decays."""
+_MAX_LOG_LIKELIHOOD_DEFICIT = 20.0
+"""A rate counts while its log-likelihood is at most this much smaller than that of the most likely one."""
+_LIKELIHOOD_SHARE = 0.25
 """Share of a difference in log-likelihood that counts: errors of neighbouring estimates are alike."""
-_SURPRISE_S = 1.0
-"""Time in contact after which an error of the prediction no longer counts. Time without contact proves nothing."""
-_PHASES = 8
-"""Of a beat, at which the prediction's spread is looked at."""
+_RESIDUAL_MEMORY_S = 1.0
+"""Time in contact for which an error of the prediction counts. Time without contact has no information."""
+_PHASE_COUNT = 8
+"""Number of phases of a beat at which the standard deviation of the prediction is computed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """An estimate as a controller takes it: mid-exposure in s, force and its standard deviation, place on the path."""
+    """An estimate as a controller takes it.
+
+    Args:
+        time_s: mid-exposure of the image.
+        force_n: estimated force.
+        sigma_n: standard deviation of the force.
+        position_mm: position of the catheter on the path.
+    """
 
     time_s: float
     force_n: float
@@ -42,7 +49,12 @@ class Sample:
 class WallObserver:
     """Follows the wall from estimates of the force, and predicts it.
 
-    Until `lock` all rates of the settings are followed side by side; the most likely one is then kept, and tracked.
+    Until `lock` all rates of the settings are followed in parallel; then the most likely one is kept and tracked.
+
+    Args:
+        settings: model of the wall.
+        wall_mm: expected constant of the wall: minus the position on the path at which the tip meets it.
+        wall_sigma_mm: standard deviation of that constant.
     """
 
     def __init__(self, settings: ObserverSettings, wall_mm: float, wall_sigma_mm: float) -> None:
@@ -74,45 +86,45 @@ class WallObserver:
         self._q = np.diag(wander**2)
         self._numbers = numbers
         self._likelihood = np.zeros(count)
-        self._surprises: deque[tuple[float, float]] = deque()
+        self._residuals: deque[tuple[float, float]] = deque()
         self._in_contact_s = 0.0
         self.locked = False
 
     @property
     def best(self) -> int:
-        """The row of the most likely rate."""
+        """Row of the most likely rate."""
         return int(np.argmax(self._likelihood))
 
     @property
     def heart_hz(self) -> float:
-        """The heart's rate, of the most likely model."""
+        """Heart rate of the most likely model, in Hz."""
         return float(self._x[self.best, self._rate]) / _TWO_PI
 
     @property
     def gain_n_per_mm(self) -> float:
-        """Force for each mm of the path."""
+        """Force for each mm of the path, in the most likely model."""
         return math.exp(float(self._x[self.best, self._gain]))
 
     def lock(self) -> None:
-        """Keep the most likely rate alone."""
+        """Keeps the most likely rate only."""
         row = self.best
         self._x, self._p = self._x[row : row + 1], self._p[row : row + 1]
         self._likelihood = self._likelihood[row : row + 1]
         self.locked = True
 
     def add(self, sample: Sample) -> None:
-        """Take one estimate; one that is not later than the last is passed over."""
+        """Takes an estimate; one that is not later than the last is ignored."""
         if self.time_s is not None:
             if sample.time_s <= self.time_s:
                 return
             self._predict(sample.time_s - self.time_s)
-            if self._felt(sample):
+            if self._has_force(sample):
                 self._in_contact_s += sample.time_s - self.time_s
         self.time_s = sample.time_s
         self._update(sample)
 
     def wall_mm(self, time_s: float) -> float:
-        """Where the wall is, or will be, at ``time_s``: minus the place on the path at which the tip just meets it."""
+        """Returns the wall at ``time_s`` in mm: minus the position on the path at which the tip just meets it."""
         if self.time_s is None:
             return float(self._x[0, 0])
         ahead = time_s - self.time_s
@@ -125,61 +137,61 @@ class WallObserver:
 
     @property
     def mean_mm(self) -> float:
-        """The wall's constant: where it is without heart and breath."""
+        """Constant of the wall: its position without heart and breath, in mm."""
         return float(self._x[self.best, 0])
 
     @property
     def rate_range_hz(self) -> float:
-        """How far the rates that are plausible lie apart."""
+        """Difference between the largest and the smallest plausible rate, in Hz."""
         return float(np.ptp(self._x[self._plausible, self._rate])) / _TWO_PI
 
     @property
-    def surprise_n(self) -> float:
-        """Largest difference between the force and what the most likely model expected, in the last second of contact.
+    def max_residual_n(self) -> float:
+        """Largest difference of measured force and most likely model in the last second of contact.
 
         Infinite before the first estimate.
         """
-        return max((size for _, size in self._surprises), default=math.inf)
+        return max((size for _, size in self._residuals), default=math.inf)
 
     def spread_mm(self) -> float:
-        """Standard deviation of `wall_mm` where it is largest within the next period of the heart.
+        """Returns the largest standard deviation of `wall_mm` within the next period of the heart.
 
-        The rates that are plausible count as likely as they are: where they predict different walls, it is large.
+        Plausible rates are weighted by their likelihood: the value is large where they predict different walls.
         """
         rows = self._plausible
-        weights = np.exp(_TEMPERED * (self._likelihood[rows] - self._likelihood.max()))
+        weights = np.exp(_LIKELIHOOD_SHARE * (self._likelihood[rows] - self._likelihood.max()))
         weights /= weights.sum()
-        ahead = np.linspace(0.0, _TWO_PI / float(self._x[self.best, self._rate]), _PHASES)
+        ahead = np.linspace(0.0, _TWO_PI / float(self._x[self.best, self._rate]), _PHASE_COUNT)
         wall, h = self._predictions(rows, ahead)
         variance = np.einsum("bki,bij,bkj->bk", h, self._p[rows], h)
         return float(np.sqrt((weights @ (variance + (wall - weights @ wall) ** 2)).max()))
 
-    def excess_mm(self, times_s: FloatArray, places_mm: FloatArray, force_n: float, sigmas: float) -> float:
-        """Returns by how many mm the tip goes too far for the worst of all plausible rates; at least 0.
+    def excess_mm(self, times_s: FloatArray, positions_mm: FloatArray, force_n: float, sigmas: float) -> float:
+        """Returns by how many mm the tip is too deep for the worst of all plausible rates; at least 0.
 
         Args:
-            times_s: (k,) not before the last estimate.
-            places_mm: (k,) where the tip is on the path then.
+            times_s: (k,) times, not before the last estimate.
+            positions_mm: (k,) positions of the tip on the path at these times.
             force_n: largest force that is allowed, in newtons.
-            sigmas: standard deviations of the predicted force that are added to it.
+            sigmas: number of standard deviations of the predicted force that are added to it.
         """
         if self.time_s is None:
             return 0.0
         rows = self._plausible
         wall, h = self._predictions(rows, times_s - self.time_s)
         gain = np.exp(self._x[rows, self._gain])[:, None]
-        depth = places_mm + wall
+        depth = positions_mm + wall
         h[:, :, self._gain] = np.maximum(depth, 0.0)
         spread = np.sqrt(np.maximum(np.einsum("bki,bij,bkj->bk", h, self._p[rows], h), 0.0))
         return max(0.0, float((depth + sigmas * spread - force_n / gain).max()))
 
     @property
     def _plausible(self) -> IntArray:
-        """(b,) rows of the rates that are not ruled out yet."""
-        return np.flatnonzero(self._likelihood >= self._likelihood.max() - _PLAUSIBLE)
+        """(b,) rows of the rates that are plausible."""
+        return np.flatnonzero(self._likelihood >= self._likelihood.max() - _MAX_LOG_LIKELIHOOD_DEFICIT)
 
     def _predictions(self, rows: IntArray, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the wall (b, k) in mm, of ``rows`` (b,) at ``ahead_s`` (k,), and its gradient by the state."""
+        """Returns the wall (b, k) in mm, for ``rows`` (b,) at ``ahead_s`` (k,), and its gradient by the state."""
         x = self._x[rows]
         rate = x[:, self._rate, None, None]
         h = np.zeros((len(x), ahead_s.size, x.shape[1]))
@@ -212,11 +224,11 @@ class WallObserver:
             jacobian[:, at, at] = np.stack([np.stack([cos, sin], 1), np.stack([-sin, cos], 1)], 1)
             jacobian[:, at.start, self._rate] = number * dt_s * moved[:, at.start + 1]
             jacobian[:, at.start + 1, self._rate] = -number * dt_s * moved[:, at.start]
-        self._likelihood = self._likelihood * math.exp(-dt_s / _MEMORY_S)
+        self._likelihood = self._likelihood * math.exp(-dt_s / _LIKELIHOOD_MEMORY_S)
         self._x = moved
         self._p = jacobian @ self._p @ jacobian.transpose(0, 2, 1) + self._q * dt_s
 
-    def _felt(self, sample: Sample) -> bool:
+    def _has_force(self, sample: Sample) -> bool:
         """Returns whether the force is more than noise."""
         return sample.force_n > 3.0 * self.settings.noise_n
 
@@ -229,16 +241,16 @@ class WallObserver:
         h[:, _HEART : self._rate : 2] = gain[:, None]
         h[:, self._gain] = np.maximum(gain * depth, 0.0)
         expected = np.maximum(gain * depth, 0.0)
-        informative = (depth > 0.0) | self._felt(sample)
+        informative = (depth > 0.0) | self._has_force(sample)
         ph = np.einsum("bij,bj->bi", self._p, h)
         noise = max(sample.sigma_n, self.settings.noise_n) ** 2
         variance = np.einsum("bi,bi->b", h, ph) + noise
-        wrong = sample.force_n - np.where(informative, gain * depth, expected)
-        self._surprises.append((self._in_contact_s, abs(sample.force_n - float(expected[self.best]))))
-        while self._surprises[0][0] < self._in_contact_s - _SURPRISE_S:
-            self._surprises.popleft()
-        step = np.where(informative, wrong / variance, 0.0)
-        # Beyond three standard deviations an estimate counts as if it were there: the model, not the wall, jumped.
+        residual = sample.force_n - np.where(informative, gain * depth, expected)
+        self._residuals.append((self._in_contact_s, abs(sample.force_n - float(expected[self.best]))))
+        while self._residuals[0][0] < self._in_contact_s - _RESIDUAL_MEMORY_S:
+            self._residuals.popleft()
+        step = np.where(informative, residual / variance, 0.0)
+        # An estimate further off counts as if it were at three standard deviations: the model jumped, not the wall.
         bound = 3.0 / np.sqrt(variance)
         step = np.clip(step, -bound, bound)
         self._x = x + ph * step[:, None]
@@ -249,5 +261,5 @@ class WallObserver:
         slowest, fastest = (_TWO_PI * rate for rate in self.settings.heart_hz)
         np.clip(self._x[:, self._rate], slowest, fastest, out=self._x[:, self._rate])
         self._likelihood = self._likelihood - 0.5 * np.where(
-            informative, wrong * wrong / variance + np.log(variance), math.log(noise)
+            informative, residual * residual / variance + np.log(variance), math.log(noise)
         )

@@ -1,4 +1,4 @@
-"""The layer between a controller and the drives: nothing reaches them but through it."""
+"""The layer between a controller and the drives: every command to the drives passes through it."""
 
 import math
 import threading
@@ -12,24 +12,24 @@ from ._settings import SafetySettings
 
 
 class SafetyAction(StrEnum):
-    """What the layer does with what a controller wants."""
+    """Response of the layer to a command of the controller."""
 
     PASS = "pass"
     COAST = "coast"
-    """No valid estimate just now, and the force is below the limit all the same, by an abstained interval or because it
-    cannot have reached the limit since the last one: the controller's command still passes."""
+    """No valid estimate at this time, but the force is below the limit: an abstained interval shows it, or the force
+    cannot have reached the limit since the last interval. The controller's command still passes."""
     OVER_LIMIT = "over_limit"
-    """The upper end of the force is above the limit, or will be before the drives answer: drawn back as fast as allowed
-    until it is not."""
+    """The upper end of the force is above the limit, or will be before the drives respond: the catheter is drawn back
+    at full speed until the upper end is below the limit again."""
     RETRACT = "retract"
-    """No valid estimate for too long, or above the limit for too long: back to the start."""
+    """No valid estimate for too long, or above the limit for too long: the catheter goes back to the start."""
     STOPPED = "stopped"
-    """The stop key: the drives rest until the run is released."""
+    """The stop key was pressed: the drives rest until the run is released."""
 
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """What was sent to the drives: the place on the path, and why it is another than was wanted."""
+    """Command that was sent to the drives: the position on the path, and the reason if it is not the wanted one."""
 
     position_mm: float
     action: SafetyAction
@@ -41,10 +41,10 @@ class SafetyLayer:
 
     Args:
         actuators: the drives.
-        clock: their time.
-        path: the line along which they may go, and no farther than its ends.
+        clock: clock of the drives.
+        path: the line along which the drives may go; they never go beyond its ends.
         settings: the limits.
-        frame_period_s: what the source promises; the watchdog learns the usual delay by itself.
+        frame_period_s: frame period of the source; the watchdog learns the usual delay by itself.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class SafetyLayer:
         self._judging = threading.Lock()
         """Held while an estimate changes the bound, or the bound is compared: they come from different threads."""
         self._sending = threading.Lock()
-        """Held while the drives are spoken to: no command may follow a stop that came while it was on its way."""
+        """Held during each call of the drives: no command follows a stop that came during the command."""
 
     @property
     def upper_n(self) -> float:
@@ -79,11 +79,11 @@ class SafetyLayer:
 
     @property
     def limit_n(self) -> float:
-        """Above it the catheter is drawn back: that of the settings, or the operator's where that is smaller."""
+        """Limit of the settings, or the operator's if that is smaller; above it the catheter is drawn back."""
         return self._limit_n
 
     def set_limit(self, limit_n: float) -> None:
-        """The operator's limit, from now on, on the thread of `check`; that of the settings is never raised."""
+        """Sets the operator's limit, on the thread of `check`; it never raises the limit of the settings."""
         self._limit_n = min(limit_n, self.settings.limit_n)
 
     @property
@@ -92,11 +92,16 @@ class SafetyLayer:
         return self._stopped
 
     def measured_mm(self) -> float:
-        """Where the drives are."""
+        """Returns the measured position of the drives on the path, in mm."""
         return self.path.position_mm(self._actuators.read().values)
 
     def observe(self, estimate: ForceEstimate, captured_ns: int) -> None:
-        """Take an estimate of the image at ``captured_ns`` on the clock, valid or not."""
+        """Takes an estimate, valid or not.
+
+        Args:
+            estimate: the estimate.
+            captured_ns: mid-exposure of its image on the clock.
+        """
         with self._judging:
             self._bound.add(estimate, captured_ns)
         if not math.isnan(estimate.upper_n):
@@ -107,7 +112,7 @@ class SafetyLayer:
         now = self._clock.now_ns()
         delay = now - captured_ns
         if self._valid_ns is None or delay < self._usual_ns:
-            self._usual_ns = delay  # the smallest delay so far is what the chain needs
+            self._usual_ns = delay  # the smallest delay is the time that the computation needs
         if self._valid_ns is not None and captured_ns <= self._valid_ns:
             return
         self._valid_ns, self._why = captured_ns, ""
@@ -123,11 +128,11 @@ class SafetyLayer:
             return bound_n
 
     def age_ns(self) -> int | None:
-        """How old the last estimate with an interval is, beyond the usual delay; None before the first valid one."""
+        """Returns the age of the last interval, beyond the usual delay; None before the first valid estimate."""
         return None if self._valid_ns is None else self._clock.now_ns() - self._known_ns - self._usual_ns
 
     def check(self) -> tuple[SafetyAction, str]:
-        """What is to be done now, and why."""
+        """Returns the action for this time, and its reason."""
         now, age, settings = self._clock.now_ns(), self.age_ns(), self.settings
         bound_n = self._compare(now)
         if self._stopped:
@@ -149,7 +154,15 @@ class SafetyLayer:
         return SafetyAction.PASS, ""
 
     def command(self, wanted_mm: float, max_speed_mm_per_s: float | None = None) -> Applied:
-        """Send the drives toward ``wanted_mm``, or wherever safety wants them; returns what was sent."""
+        """Sends the drives toward ``wanted_mm``, or back where the limits require it.
+
+        Args:
+            wanted_mm: wanted position on the path.
+            max_speed_mm_per_s: largest speed on the path; None: the largest that drives and settings allow.
+
+        Returns:
+            The command that was sent.
+        """
         with self._sending:
             return self._command(wanted_mm, max_speed_mm_per_s)
 
@@ -170,22 +183,22 @@ class SafetyLayer:
         return Applied(sent, action, reason)
 
     def stop(self) -> None:
-        """The stop key: the drives brake at once, and no command passes until `release`."""
+        """Stops the drives immediately; no command passes until `release`."""
         self._stopped = True
         with self._sending:
             self._actuators.stop(*self.path.start)
 
     def rest(self) -> None:
-        """The drives stand, or somebody else has moved them: the next command begins from where they are."""
+        """Lets the next command begin at the measured position: the drives rest, or another program moved them."""
         self._sent_mm = None
 
     def release(self) -> None:
-        """After a stop: commands pass again, from where the drives are."""
+        """Ends a stop: commands pass again, from the measured position of the drives."""
         self._stopped, self._sent_mm, self._over_since_ns = False, None, None
 
 
 class _Bound:
-    """Largest force that the tip can have, from the last interval and from how fast the force rises."""
+    """Largest force that the tip can have, from the last interval and from the rate at which the force rises."""
 
     def __init__(self, settings: SafetySettings) -> None:
         self._settings = settings
@@ -193,7 +206,7 @@ class _Bound:
         self._middle_n = self._rise_n_per_s = 0.0
         self._captured_ns: int | None = None
         self._missed = False
-        """Whether an estimate without an interval came since."""
+        """Whether an estimate without an interval came after the last interval."""
         self._rises: deque[tuple[int, float]] = deque()
 
     def add(self, estimate: ForceEstimate, captured_ns: int) -> None:
@@ -215,19 +228,19 @@ class _Bound:
         self.upper_n, self._middle_n, self._captured_ns, self._missed = estimate.upper_n, middle_n, captured_ns, False
 
     def rise_n_per_s(self) -> float:
-        """How fast the force may rise now: as between the last two intervals, or faster while none comes."""
+        """Returns the present rate of rise: that between the last two intervals, or a larger one while none comes."""
         if not self._missed:
             return self._rise_n_per_s
         return max(self._settings.least_rise_n_per_s, max(rise for _, rise in self._rises))
 
     def at_n(self, now_ns: int) -> float:
-        """Upper end of the force when a command of ``now_ns`` takes effect."""
+        """Returns the upper end of the force when a command of ``now_ns`` takes effect."""
         if self._captured_ns is None:
             return 0.0
         return self.upper_n + self.rise_n_per_s() * ((now_ns - self._captured_ns) * 1e-9 + self._settings.reaction_s)
 
     def reason(self, bound_n: float, limit_n: float) -> str:
-        """One line on why the catheter is drawn back."""
+        """Returns the reason why the catheter is drawn back, in one line."""
         if self.upper_n > limit_n:
             return f"upper end {self.upper_n:.2f} N above {limit_n:g} N"
         return (
