@@ -1,4 +1,4 @@
-"""What figures were measured on and with."""
+"""Machine and versions with which figures were measured."""
 
 import platform
 from importlib.metadata import version

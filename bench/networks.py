@@ -1,9 +1,9 @@
 """``python -m bench.networks``: a frame to the network's answer, in every way there is to run it, beside the processor.
 
-Each network has the weights it begins with, after a few batches, since the time hangs on the shapes alone. A frame is a
-640 x 480 grey image in memory; preprocessing, the batch axis and what a way needs to take it in are part of its time.
-The ways take turns, block by block; a row tells the middle of the quickest block beside p50 and p99 over all blocks,
-so that what else the machine does can be told from what the way costs. OpenVINO is measured where it is installed.
+Each network has its first weights, after a few batches, since the time depends on the shapes alone. A frame is a
+640 x 480 grey image in memory; the time of each way includes preprocessing, the batch axis and the conversion of the
+input. The ways take turns, block by block; a row has the median of the quickest block, and p50 and p99 of all blocks,
+which separates the cost of the way from the other load of the machine. OpenVINO is measured where it is installed.
 """
 
 import importlib.util
@@ -29,9 +29,9 @@ BLOCKS = 12
 BLOCK_S = 0.12
 """So long, at least three frames, each way runs before the next one's turn."""
 BATCH = {"dcfe": 16, "compact": 64}
-"""Of the training steps that are timed."""
+"""Batch size of the training steps that are timed."""
 MATRIX = 1024
-"""Side of the matrices that tell what the processor can."""
+"""Side of the matrices with which the speed of the processor is measured."""
 
 
 def measure() -> dict[str, Any]:
@@ -79,7 +79,7 @@ def _session(data: bytes, threads: int) -> Any:
 
 
 def of(name: str) -> dict[str, Any]:
-    """Times of one method's network in all ways, and what they are a share of."""
+    """Returns the times of one method's network in all ways, and the limits of the processor for it."""
     method = create(name)
     assert isinstance(method, NetworkEstimator)
     torch.manual_seed(0)
@@ -149,7 +149,7 @@ def _rounds(ways: dict[str, Callable[[], Any]], blocks: int = BLOCKS) -> dict[st
         counts[way] = max(3, int(BLOCK_S / (time.perf_counter() - began)))
     for _ in range(blocks):
         for way, work in ways.items():
-            work()  # brings into the caches what the others drove out
+            work()  # fills the caches again after the other ways
             times = np.empty(counts[way])
             for place in range(len(times)):
                 began = time.perf_counter()

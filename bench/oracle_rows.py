@@ -1,4 +1,4 @@
-"""The rod models against published and exact solutions: one row a figure, each with what it is held to."""
+"""The rod models against published and exact solutions: one row a figure, each with its tolerance."""
 
 import itertools
 import math
@@ -138,7 +138,7 @@ def other_models() -> Iterator[Row]:
 
 
 def order() -> Iterator[Row]:
-    """Of the error with the segment's length: of tips with 20, 40 and 80 segments from the extrapolated one."""
+    """Order of the error in the segment's length: tips with 20, 40 and 80 segments against the extrapolated one."""
 
     def twisted(n: int) -> np.ndarray:
         rod = SpatialRod(1.0, 1.0, 0.1, 0.6, np.array([0.5, 1.0, 0.4]), 4.0, np.linspace(1.3, 0.8, n + 1), n)

@@ -1,7 +1,7 @@
-"""``python -m bench.oracles``: every published or exact solution that the rod models are held to, in one table.
+"""``python -m bench.oracles``: every published or exact solution that checks the rod models, in one table.
 
-Expected, got, error, what is allowed. ``--part NAME`` chooses; the random loads take a minute. Fails where a row does
-not hold.
+Columns: expected, got, error, tolerance. ``--part NAME`` selects a part; the random loads take a minute. Fails where an
+error exceeds its tolerance.
 """
 
 import argparse

@@ -30,7 +30,7 @@ def one_thread() -> None:
 
 
 def save(target: Path, parts: dict[str, Any]) -> None:
-    """Write figures of some parts, and what they were measured on."""
+    """Writes figures of some parts, and the machine on which they were measured."""
     from bench.machine import machine
 
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -26,7 +26,7 @@ from tipforce.simulation.rendering.camera import (
 
 LENGTH_M = 0.048
 FRAMES = 48
-"""Of a block."""
+"""Number of frames of a block."""
 SIZES = ((320, 240), (640, 480), (1280, 960), (1920, 1440))
 LONGER = (24, 96, 384)
 """Frames of one go, at 640x480."""
@@ -66,7 +66,7 @@ class Session:
         return pack(self.ours(job), truth, self.renderer.scene.jpeg_quality)
 
     def plain_parts(self) -> None:
-        """What the plain way may prepare: a still ground, and the phantom cut out of an image with it."""
+        """Prepares the plain way: a still ground, and the phantom cut out of an image with it."""
         away = self.rest[None] + np.array([0.0, 0.25, 0.0])
         self.ground = self.renderer.clean(away)
         with_it = self.renderer.clean(away, TissueState(np.zeros((1, 3))))

@@ -1,6 +1,6 @@
-"""``python -m bench.spatial_loads``: random spatial loads on random rods, all from a cold start; do all converge?
+"""``python -m bench.spatial_loads``: random spatial loads on random rods, all from a cold start: do all converge?
 
-A share of them is raised again in 400 small steps, each a warm start: does the branch that was named stand?
+A share of them is raised again in 400 small steps, each a warm start: is the reported branch confirmed?
 """
 
 import argparse
@@ -38,7 +38,7 @@ def crawl(rod: SpatialRod, force: np.ndarray, steps: int = 400) -> tuple[np.ndar
 
 
 def measure(count: int = 20_000, crawled: int = 300, largest: float = 8.0, seed: int = 0) -> dict[str, Any]:
-    """Of ``count`` loads: how many converged, their residuals, branches, and what a crawl says of the branches."""
+    """Returns, for ``count`` loads: converged share, residuals, branches, and the check of branches in small steps."""
     rng = np.random.default_rng(seed)
     shapes = [solve_static_spatial(*random_case(rng, largest)) for _ in range(count)]
     agree = differ = jumped = 0

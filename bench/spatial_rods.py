@@ -91,7 +91,7 @@ def extrapolated(rod: SpatialRod, force: np.ndarray) -> np.ndarray:
 
 
 def against_bvp(count: int = 30, blocks: int = 5) -> dict[str, float]:
-    """Microseconds a solve, with what Python's share of the call costs."""
+    """Returns microseconds a solve, including the share of Python in the call."""
     todo = cases(count)
     shapes = [solve_static_spatial(rod, force) for rod, force in todo]
     near = [solve_static_spatial(rod, 0.98 * force) for rod, force in todo]
@@ -100,7 +100,7 @@ def against_bvp(count: int = 30, blocks: int = 5) -> dict[str, float]:
     for tolerance in TOLERANCES:
         found = [by_bvp(rod, force, tolerance) for rod, force in todo]
         theirs = np.array([np.linalg.norm(a - b) for a, b in zip(found, exact, strict=True)])
-        solved = theirs < 0.01  # the rest stands on another branch, or nowhere
+        solved = theirs < 0.01  # the rest is on another branch, or did not converge
         if solved.sum() >= 0.9 * count and theirs[solved].max() <= max(ours):
             break
     else:

@@ -1,9 +1,9 @@
-"""``python -m bench.speed``: frame in memory -> force, against reading it once and against the textbook chain.
+"""``python -m bench.speed``: frame in memory -> force, compared with one read of the frame and with the textbook chain.
 
-One process, one thread. Frames come from a pool that is larger than the caches, as a camera's frame would: what is
-timed starts in main memory.
-The three are timed in turn, block by block, so that whatever else the machine does hits them alike; ratios are those of
-each one's least disturbed block.
+One process, one thread. Frames come from a pool that is larger than the caches, as a camera's frame would: the
+timed work starts in main memory.
+The three are timed in turn, block by block, so that other load of the machine affects all three; ratios are those of
+the quickest block of each.
 """
 
 import time
@@ -25,7 +25,7 @@ from tipforce.types import ForceEstimate, Observation, SessionInfo, ShapeFeature
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate, feature_names, shape_features
 
 POOL_BYTES = 96 * 2**20
-"""Of frames; the last-level caches of today's processors hold less."""
+"""Size of the pool of frames; the last-level caches of today's processors hold less."""
 SHAPES = 24
 BLOCKS = 8
 """How often the ways are timed in turn."""
@@ -53,7 +53,7 @@ def read_once(words: Any) -> int:
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of frame: a pool in memory, and what follows a frame from image to force in each way."""
+    """One kind of frame: a pool in memory, and the computation from image to force in each way."""
 
     name: str
     size: tuple[int, int]
@@ -120,7 +120,7 @@ def training_set(size: tuple[int, int], samples: int = 220, seed: int = 1) -> Da
 
 
 class Textbook:
-    """What a careful reader would write from the thesis with the usual libraries."""
+    """The chain that a careful reader would write from the thesis with the usual libraries."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         data = training_set(size)
@@ -145,7 +145,7 @@ class Textbook:
         u, v = self.shape(frame)
         base = u < u[0] + 20
         if len(np.unique(u)) < 5 or len(np.unique(u[base])) < 2:
-            return float("nan")  # the largest piece that is left of the shaft stands upright
+            return float("nan")  # the largest piece that is left of the shaft is upright
         slope = np.polyfit(u[base], v[base], 1)[0]
         cos, sin = 1 / np.hypot(1, slope), slope / np.hypot(1, slope)
         du, dv = u - u[0], v - v[0]
@@ -155,7 +155,7 @@ class Textbook:
 
 
 def lost(points: np.ndarray, tube: Tube) -> bool:
-    """Whether the points miss the tip by three diameters, or one in ten lies outside the tube."""
+    """Whether the points miss the tip by three diameters, or one in ten is outside the tube."""
     off = distance_to_curve(points[:: max(1, len(points) // 200)], tube.curve)
     tip = np.hypot(*(points - tube.curve[-1]).T).min()
     return bool(np.percentile(off, 90) > 0.5 * tube.look.diameter or tip > 3 * tube.look.diameter)
@@ -244,7 +244,7 @@ def measure_case(case: Case, blocks: int) -> dict[str, Any]:
 
 
 def measure() -> list[dict[str, Any]]:
-    """Of each kind of frame at each size."""
+    """Returns the figures of each kind of frame at each size."""
     cv2.setNumThreads(1)
     with threadpool_limits(1):
         return [measure_case(make_case(name, size), BLOCKS) for size in SIZES for name in LOOKS]

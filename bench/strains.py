@@ -1,4 +1,4 @@
-"""What a spatial shape stores and carries, from its orientations alone, in plain NumPy: no part of the solver."""
+"""Energy and loads of a spatial shape from its orientations alone, in plain NumPy, without the solver."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

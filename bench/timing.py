@@ -9,10 +9,10 @@ __all__ = ["interleaved"]
 
 
 def interleaved(ways: dict[str, Callable[[], Any]], blocks: int) -> dict[str, float]:
-    """Seconds of each way's quickest block; the ways take turns, so that what disturbs one disturbs all alike."""
+    """Returns seconds of each way's quickest block; the ways take turns, so that other load affects all of them."""
     best = dict.fromkeys(ways, math.inf)
     for work in ways.values():
-        work()  # compiles, and brings what is needed into the caches
+        work()  # compiles, and fills the caches
     for _ in range(blocks):
         for name, work in ways.items():
             before = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Synthetic images of a tube with exact truth: what vision is measured against.
+"""Synthetic images of a tube with exact truth, for the tests of vision.
 
 Every image is drawn at four times its size from the distance to an exactly known curve, shrunk by areas, blurred,
 lit and made noisy. The truth is the curve itself, far finer than the pixels, cut at the base's border.
@@ -246,7 +246,7 @@ def distance_to_curve(points: np.ndarray, curve: np.ndarray) -> np.ndarray:
 
 
 def tip_along(points: np.ndarray, tube: Tube) -> float:
-    """Signed error of the last point along the shaft; a dome's true tip lies a radius beyond the curve's end."""
+    """Signed error of the last point along the shaft; a dome's true tip is a radius beyond the curve's end."""
     tangent = tube.curve[-1] - tube.curve[-3]
     tangent = tangent / np.linalg.norm(tangent)
     true_tip = tube.curve[-1] + (tube.look.diameter / 2 if tube.look.tip == "dome" else 0.0) * tangent

@@ -9,7 +9,7 @@ DOCTEST = re.compile(r"^(?P<indent>[ ]*)>>> .*(?:\n(?P=indent)\S.*)*", flags=re.
 
 
 class CodeBlocks(griffe.Extension):
-    """Writes what docstrings show in Python's way the way Markdown wants it."""
+    """Converts the code examples of docstrings to Markdown."""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         """Called for every object that was read."""

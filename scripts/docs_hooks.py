@@ -133,7 +133,7 @@ def _table_row(record: tuple[str, str]) -> str:
 
 
 def _escape(text: str) -> str:
-    """Plain text as Markdown; what stands between backticks stays code."""
+    """Returns plain text as Markdown; text between backticks stays code."""
     parts = re.split(r"(`[^`]+`)", text)
     return "".join(part if part.startswith("`") else re.sub(r"([\\<>*_\[\]])", r"\\\1", part) for part in parts)
 

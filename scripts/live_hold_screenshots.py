@@ -3,7 +3,7 @@
     python -m scripts.live_hold_screenshots [--model pretrained/compact] [--size 1600x900] [--output build/hold]
         [--figures docs/figures]
 
-Everything is what `tipforce live --set hold.drives=both --set hold.contact=oblique` runs: bench, estimator, loop, page.
+Bench, estimator, loop and page are those of `tipforce live --set hold.drives=both --set hold.contact=oblique`.
 It needs a core for the bench and half of one for the browser; on a busier machine images come too late, and the loop
 draws the catheter back, as it should.
 """

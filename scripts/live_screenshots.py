@@ -2,9 +2,9 @@
 
     python -m scripts.live_screenshots [--output build/live] [--seconds S] [--figures docs/figures]
 
-One session of bench-2021 with what ``fusion`` estimates of it, at the pace of its camera. Nothing is staged but what a
-bench would do: to press too hard the limit is set lower, "no catheter" is an image without one, "stale" a camera that
-stops, "disconnected" a server that ends.
+One session of bench-2021 with the estimates of ``fusion``, at the frame rate of its camera. Every state is one that a
+bench can reach: for a force above the limit the limit is set lower, "no catheter" is an image without one,
+"stale" is a camera that stops, "disconnected" is a server that ends.
 """
 
 import argparse
@@ -54,7 +54,7 @@ VEIL_BGR = (0x4D, 0x42, 0x39)
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """One frame of the session and what was estimated of it."""
+    """One frame of the session and its estimate."""
 
     image: Image
     estimate: ForceEstimate
@@ -84,7 +84,7 @@ def estimated(seconds: float) -> tuple[SessionInfo, list[Shown], ForceEstimate, 
 
 
 class Replay:
-    """An engine that publishes what was estimated, again and again, at the pace of the stamps."""
+    """An engine that publishes the stored estimates, again and again, at the rate of their stamps."""
 
     def __init__(self, shown: Sequence[Shown]) -> None:
         self.shown = shown
@@ -103,8 +103,8 @@ class Replay:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def zero(self, *, by: str, confirmed_n: float | None) -> None:
-        """Shows when it was pressed; the drift is what is read without contact."""
-        del confirmed_n  # this engine takes every zero at once
+        """Sets the time of the zero; the drift is the reading without contact."""
+        del confirmed_n  # this engine takes every zero immediately
         self._zero = Zero(
             np.array([0.004, 0.0, 0.0]), 0.004, self.clock.now_ns(), time.time(), by, drift_n=0.003,
             drift_ns=self.clock.now_ns(),
@@ -306,7 +306,7 @@ def is_veiled(image: Image, page: Page) -> bool:
 
 
 def start(server: PageServer, engine: Replay, info: SessionInfo) -> None:
-    """What the engine does at its beginning."""
+    """Starts the sink of the page, and connects the engine to it."""
     server.sink.start(info, "fusion")
     engine.publish = server.sink.put
 

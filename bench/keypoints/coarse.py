@@ -1,4 +1,4 @@
-"""The first network: where twelve points of the catheter lie in the whole image."""
+"""The first network: finds twelve points of the catheter in the whole image."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ SIZE = 144
 """Side in px of the windows that are trained on; any size can be read."""
 CELLS = SIZE // STRIDE
 SIGMA = 0.7
-"""Of a point's target, in cells."""
+"""Standard deviation of the target heatmap of a point, in cells."""
 
 
 def _conv(inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> nn.Sequential:
@@ -107,7 +107,7 @@ def window(sample: Sample, rng: np.random.Generator) -> Window:
 
 
 def _shift(line: FloatArray, matrix: FloatArray, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:
-    """Where the window lies: mostly with all of ``line`` (n, 2) in it, and little beyond the image."""
+    """Returns the shift of the window: mostly it contains all of ``line`` (n, 2), and little beyond the image."""
     if rng.random() < 0.7:
         low, high = 2.0 - line.min(axis=0), SIZE - 2.0 - line.max(axis=0)
         fits = rng.uniform(np.minimum(low, high), np.maximum(low, high))
@@ -123,7 +123,7 @@ def _shift(line: FloatArray, matrix: FloatArray, size: tuple[int, int], rng: np.
 
 
 def loss(logits: Tensor, points: Tensor, body: Tensor) -> Tensor:
-    """Cross entropy of where each point lies, or that it is outside; and of the body."""
+    """Returns the cross entropy of the cell of each point, or of "outside"; and that of the body."""
     cell = (points + 0.5) / STRIDE - 0.5
     grid = torch.arange(CELLS, dtype=torch.float32)
     across = torch.exp(-0.5 * ((grid - cell[..., 0:1]) / SIGMA) ** 2)

@@ -1,4 +1,4 @@
-"""Changes of an image that leave the catheter where it is: what a network must not read is made to vary."""
+"""Changes of an image that do not move the catheter: they vary the properties that a network must not use."""
 
 import math
 

@@ -1,10 +1,10 @@
-"""How often the networks are right in sessions held out from training, and the regression that tells when.
+"""Measures how often the networks are right in held-out sessions, and fits the regression that predicts it.
 
     python -m bench.keypoints.probability V G B F [--least 0.8]
 
 Prints for each preset how many lines are right (tip within 5 px along the shaft, all points within 2 px of the true
-curve), how far off these are, and what is answered at ``--least``, by regressions that did not see the session; and the
-weights for tipforce/vision/keypoints/_probability.py.
+curve), their errors, and the lines that are accepted at ``--least``, by regressions that did not see the session; and
+the weights for tipforce/vision/keypoints/_probability.py.
 """
 
 import argparse

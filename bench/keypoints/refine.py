@@ -20,7 +20,7 @@ LINE_POINTS = 160
 MOST_OFF = 1.4
 """Diameters: the axis of a station further off is not asked for."""
 SIGMA = 0.7
-"""Of the target of an end, in stations."""
+"""Standard deviation of the target of an end, in stations."""
 WRONG = 0.3
 """Share of strips along other lines than the catheter's."""
 
@@ -72,7 +72,7 @@ class Refine(nn.Module):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    """``strip`` (3, ACROSS, ALONG) and what is to be found in it.
+    """``strip`` (3, ACROSS, ALONG), and the line and the ends in it that the network learns.
 
     ``offset`` (ALONG,) of the true axis where ``asked``; ``ends`` (2,): stations of base and tip, -1 where they are not
     asked for; ``right``: 1 where the strip is the catheter's.
@@ -101,7 +101,7 @@ def target(sample: Sample, rng: np.random.Generator) -> Target:
         and max(base_off, tip_off) < 1.5 * diameter_px
     )
     lit = lit_otherwise(strip.values, rng)
-    if rng.random() < 0.35:  # something lies across
+    if rng.random() < 0.35:  # an object across the strip
         first = int(rng.integers(0, ALONG - 4))
         lit = lit.copy()
         lit[:, first : first + int(rng.integers(2, 12))] = rng.uniform(0.0, 255.0, 3)
@@ -114,7 +114,7 @@ def target(sample: Sample, rng: np.random.Generator) -> Target:
 
 
 def _disturbed(line: FloatArray, diameter_px: float, rng: np.random.Generator) -> FloatArray:
-    """``line`` off by what the first network, or the first round, may be off: beside it, and at both ends."""
+    """Returns ``line`` with errors like those of the first network or round: beside the line, and at both ends."""
     count, share = len(line), np.linspace(0.0, 1.0, len(line))
     modes = rng.integers(2, 7)
     weights = 1.2 * rng.normal(size=modes) / math.sqrt(modes) * diameter_px * rng.choice([0.6, 0.3, 0.12, 0.04])

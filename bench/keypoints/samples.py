@@ -18,7 +18,7 @@ __all__ = ["SHARES", "Sample", "load", "split"]
 SHARES = {"varied": 0.6, "generalise": 0.16, "bench-2021": 0.09, "fluoro": 0.15}
 """How often an image of each preset is drawn."""
 _HELD_OUT = 20
-"""One session of so many of each preset, but four at least, are held out."""
+"""One session of this number of sessions of each preset is held out, but at least four sessions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

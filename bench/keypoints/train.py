@@ -34,7 +34,7 @@ WORKERS = 2
 
 
 class _Batches(torch.utils.data.IterableDataset[tuple[Tensor, ...]]):
-    """Endless batches of what ``draw`` makes of a sample."""
+    """Endless batches of samples that ``draw`` has varied."""
 
     def __init__(self, samples: list[Sample], draw: Callable[..., Any], batch: int, seed: int) -> None:
         self._by_preset = [[s for s in samples if s.preset == preset] for preset in SHARES]
@@ -55,7 +55,7 @@ class _Batches(torch.utils.data.IterableDataset[tuple[Tensor, ...]]):
 
 
 class _Points(nn.Module):
-    """The network without what only its training needs."""
+    """The network without the outputs that only its training needs."""
 
     def __init__(self, network: nn.Module) -> None:
         super().__init__()

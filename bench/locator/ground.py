@@ -1,4 +1,4 @@
-"""Grounds and clutter: what a bench looks like without its catheter, in linear light, (h, w, 3) float32 of 0..1."""
+"""Grounds and clutter: images of benches without a catheter, in linear light, (h, w, 3) float32 of 0..1."""
 
 import math
 from functools import cache
@@ -16,7 +16,7 @@ PHOTOGRAPHS = {
     "coins.png text.png page.png motorcycle_left.png retina.jpg ihc.png",
     "sklearn.datasets.images": "china.jpg flower.jpg",
 }
-"""Images with a free licence that come with installed packages; what is not installed is left out."""
+"""Images with a free licence from installed packages; images of packages that are not installed are left out."""
 
 
 @cache

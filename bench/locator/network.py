@@ -1,4 +1,4 @@
-"""The locator: an image with prompts to points along the catheter, what of it is seen, and what else is in view.
+"""The locator: from an image with prompts to points along the catheter, their visibility, and kinds of objects.
 
 The encoder is EfficientNet-Lite0 (Tan & Le 2019; the "lite" variant without squeeze-and-excitation) with ImageNet
 weights where they are given. Prompts are further input channels of the same network; their weights begin at zero, so
@@ -13,7 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 POINTS = 16
-"""Points on the line that the network names, evenly in arc length from base to tip."""
+"""Number of points of the line that the network returns, evenly spaced in arc length from base to tip."""
 STRIDE = 4
 KINDS = 5
 STATES = 3
@@ -125,7 +125,7 @@ class Locator(nn.Module):
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         f4, f8, f16, f32 = self.encoder(x)
-        # what lies within half a window around counts, so that a larger image is read like a window
+        # the mean over half a window around each cell, so that a larger image is read like a window
         around = F.avg_pool2d(f32, 7, 1, 3, count_include_pad=False)
         y = self.deep(torch.cat([f32, around], 1))
         y = self.mix16(F.interpolate(y, scale_factor=2.0, mode="nearest") + self.side16(f16))
@@ -216,7 +216,7 @@ def loss(
     """The training loss and its parts.
 
     Args:
-        found: what `Locator` returns.
+        found: result of `Locator`.
         line: (b, n, 2) px, the true line.
         state: (b, n) of its points.
         kind: (b, h / 4, w / 4): kinds of the cells; 255: not the catheter, nothing else is known.

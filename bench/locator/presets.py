@@ -1,4 +1,4 @@
-"""Training windows from the renderers of the simulation's presets, with the truth of what is seen."""
+"""Training windows from the renderers of the simulation's presets, with the true catheter."""
 
 import math
 from collections.abc import Iterator

@@ -15,7 +15,7 @@ Float = npt.NDArray[np.float64]
 Float32 = npt.NDArray[np.float32]
 
 GROUND, CATHETER, SHEATH, INSTRUMENT, FRONT = range(5)
-"""Kinds of pixels: FRONT is tissue, a rim or another thing that is no instrument and lies over the catheter."""
+"""Kinds of pixels: FRONT is tissue, a rim or another object, not an instrument, in front of the catheter."""
 OUTSIDE, HIDDEN, SEEN = range(3)
 """States of a point of the line."""
 SIDES = ("left", "right", "top", "bottom")
@@ -27,7 +27,7 @@ class Scene:
 
     ``image`` (h, w, 3) uint8 RGB. ``line`` (POINTS, 2): u, v px of the free catheter, base to tip; ``state`` (POINTS,)
     of OUTSIDE, HIDDEN, SEEN; ``kind`` (h, w) of the pixels. ``present``: False where there is no catheter; the line is
-    then without meaning. ``decoys``: lines of objects of the same kind, which only a prompt tells apart. ``side``:
+    then without meaning. ``decoys``: lines of objects of the same kind, which only a prompt distinguishes. ``side``:
     index in SIDES of the border that the catheter comes from, -1 where it comes from none.
     """
 
@@ -43,7 +43,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Body:
-    """A catheter that comes out of something: its free line, radii, looks, and what it comes out of."""
+    """A catheter that comes out of an object: its free line, radii and appearance, and the object."""
 
     line: Float
     radius: Float
@@ -107,7 +107,7 @@ def states(line: Float, own: Float32, present: bool) -> npt.NDArray[np.uint8]:
     inside = ((line > -0.5) & (line < (w - 0.5, h - 0.5))).all(axis=1)
     at = np.clip(np.rint(line).astype(int), 0, (w - 1, h - 1))
     seen = own[at[:, 1], at[:, 0]] > 0.4
-    # the very ends lie on the outline: they count as seen where the neighbour is
+    # the two end points are on the outline: they count as visible where their neighbours are
     seen[0], seen[-1] = seen[0] or seen[1], seen[-1] or seen[-2]
     return np.where(inside, np.where(seen, SEEN, HIDDEN), OUTSIDE).astype(np.uint8)
 
@@ -171,7 +171,7 @@ def _body(
     rng: np.random.Generator, size: int, length: float, diameter: float, like: "_Body | None" = None,
     sheath_tint: Float32 | None = None,
 ) -> tuple[_Body, int]:  # fmt: skip
-    """A catheter and what it comes out of, placed in the image; and the border that it comes from."""
+    """Returns a catheter in the image, with the object that it comes out of; and the border that it comes from."""
     shape = curve(rng, length)
     line, side = _placed(rng, shape, size, from_border=rng.random() < 0.2)
     root_way = line[0] - line[1]
@@ -188,7 +188,7 @@ def _body(
 
 
 def _placed(rng: np.random.Generator, shape: Float, size: int, *, from_border: bool) -> tuple[Float, int]:
-    """Turns and moves ``shape`` (n, 2) into the image; with ``from_border`` its base lies on a border."""
+    """Turns and moves ``shape`` (n, 2) into the image; with ``from_border`` its base is on a border."""
     for _ in range(8):
         if from_border:
             side = int(rng.integers(4))
@@ -201,7 +201,7 @@ def _placed(rng: np.random.Generator, shape: Float, size: int, *, from_border: b
             line = turned(shape, rng.uniform(0.0, 2.0 * math.pi))
             low, high = 4.0 - line.min(axis=0), size - 4.0 - line.max(axis=0)
             side = -1
-            if rng.random() < 0.12:  # a part of it lies outside
+            if rng.random() < 0.12:  # a part of it is outside
                 low, high = low - 0.5 * size * rng.random(), high + 0.5 * size * rng.random()
             line = line + np.where(low < high, rng.uniform(np.minimum(low, high), np.maximum(low, high)), 0.5 * low)
         inside = ((line[2:] > 0.0) & (line[2:] < size - 1.0)).all(axis=1).mean()
@@ -214,7 +214,7 @@ def _sheath(
     rng: np.random.Generator, mouth: Float, back: float, diameter: float, size: int, side: int,
     tint: Float32 | None = None,
 ) -> tuple[tuple[tuple[Float, float, Surface], ...], int]:  # fmt: skip
-    """What the catheter comes out of at ``mouth``: a tube with or without a band or coupling, a clamp, a hand, a hole.
+    """Object at ``mouth`` that the catheter comes out of: tube with or without band or coupling, clamp, hand or hole.
 
     Returns the tubes to draw over the root, and the border that they come from.
     """
@@ -268,7 +268,7 @@ def _draw_body(
     rng: np.random.Generator, drawer: Drawer, canvas: SceneCanvas, lights: Lights, body: _Body, kind: int, size: int,
     *, with_catheter: bool = True,
 ) -> None:  # fmt: skip
-    """Draws the shadow, the catheter, and over it what it comes out of."""
+    """Draws the shadow, the catheter, and over it the object that it comes out of."""
     if rng.random() < 0.6:
         fall = rng.normal(0.0, 0.04 * size, 2)
         parts = [(part[0], 2.0 * part[1]) for part in body.sheath]
@@ -305,7 +305,7 @@ def _shadow(rng: np.random.Generator, canvas: SceneCanvas, parts: list[tuple[Flo
 
 
 class _Face:
-    """Tissue that the tip meets: a region with a curved face; a rim of it may lie over the tip."""
+    """Tissue that the tip meets: a region with a curved face; a rim of it may hide the tip."""
 
     def __init__(self, rng: np.random.Generator, line: Float, diameter: float, size: int) -> None:
         way = line[-1] - line[-4]

@@ -75,7 +75,7 @@ class Trainee:
         return {name: value.detach() for name, value in parts.items()}  # type: ignore[misc]
 
     def read(self, network: Locator, batch: dict[str, torch.Tensor]) -> Any:
-        """What ``network`` says of ``batch``."""
+        """Returns the result of ``network`` for ``batch``."""
         size = (batch["image"].shape[1], batch["image"].shape[2])
         planes = prompts(size, *(batch[name] for name in PROMPT_FIELDS))
         x = inputs(batch["image"], planes)

@@ -16,9 +16,9 @@ STATIONS = 96
 
 @dataclass(slots=True)
 class SceneCanvas:
-    """An image in linear light with what is known of each pixel.
+    """An image in linear light, with the kind of each pixel.
 
-    ``light`` (h, w, 3) in 0..1; ``kind`` (h, w): what is seen, one of the constants of `scene`; ``own`` (h, w): share
+    ``light`` (h, w, 3) in 0..1; ``kind`` (h, w): visible object, one of the constants of `scene`; ``own`` (h, w): share
     of the pixel in which the catheter itself is seen.
     """
 
@@ -171,13 +171,13 @@ class Drawer:
         self, canvas: SceneCanvas, points: Float, radius: Float | float, surface: Surface, lights: Lights, kind: int,
         *, is_catheter: bool = False,
     ) -> None:  # fmt: skip
-        """Draws a tube over what is there.
+        """Draws a tube over the image.
 
         Args:
-            canvas: what is drawn into.
+            canvas: image that is changed.
             points: (n, 2) px, its axis.
             radius: (n,) or one number, px.
-            surface: its looks.
+            surface: its appearance.
             lights: the lamps.
             kind: the label of its pixels.
             is_catheter: its cover is kept in ``canvas.own``; every other tube hides the catheter below it.

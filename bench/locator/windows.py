@@ -1,4 +1,4 @@
-"""Training windows: an image, what is true of the catheter in it, and what is stated of it (the prompts)."""
+"""Training windows: an image, the true catheter in it, and the stated properties of the catheter (the prompts)."""
 
 import math
 from dataclasses import dataclass, fields
@@ -16,7 +16,7 @@ SIZE = 256
 STRIDE = 4
 CELLS = SIZE // STRIDE
 CLICKS = 5
-"""At most so many clicks on the shaft."""
+"""Largest number of clicks on the shaft."""
 UNKNOWN_KIND = 255
 """A cell of which only is known that it is not the catheter."""
 
@@ -79,7 +79,7 @@ def window(scene: Scene, rng: np.random.Generator, source: int = 0) -> Window:
 
 
 def _prompts(scene: Scene, length: float, rng: np.random.Generator) -> dict[str, Float32]:
-    """What a user or the past states, slightly wrong as they are; in scenes with decoys one of them decides."""
+    """Returns prompts of a user or of earlier frames, with small errors; in scenes with decoys one of them decides."""
     found = {
         name: np.full(shape, np.nan, np.float32)
         for name, (shape, _) in shapes().items()

@@ -1,11 +1,11 @@
-"""What automatic detection finds in sessions of a preset, by the truth; it knows the session metadata.
+"""Compares automatic detection in sessions of a preset with the truth; it knows the session metadata.
 
     python -m bench.studies.automatic_detection [--preset varied] [--method auto] [--sessions 40] [--frames 4]
         [--sheet FILE]
 
 As `tipforce inspect` does: calibrated on 12 frames spread over each session. Wrong: given as valid, but the tip more
 than 5 px off along the shaft or a point more than 2 px beside; "but for the sheath": only points before its mouth are.
-Beside it: seconds of each session, how near the forces come to what was drawn, and what was drawn.
+Further columns: seconds of each session, the reached share of the drawn forces, and the drawn parameters.
 """
 
 import argparse
@@ -100,7 +100,7 @@ def _right_beyond_mouth(points: np.ndarray, curve: np.ndarray, tip: float) -> bo
 
 
 def _tile(image: np.ndarray, number: int) -> np.ndarray:
-    """320 x 240, whatever the image's shape."""
+    """Returns a tile of 320 x 240 px from an image of any shape."""
     shown = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR if image.ndim == 2 else cv2.COLOR_RGB2BGR)
     share = min(320 / shown.shape[1], 240 / shown.shape[0])
     shown = cv2.resize(shown, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)

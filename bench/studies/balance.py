@@ -4,9 +4,9 @@ One session of the preset bench-2021, with all that is random in its force senso
 steps. At every instant the same force is found five ways: from the wall's law and its indentation, from the force
 sensor with inertia and weight taken out, from the moments in the shaft's strain (the clamp's reaction, which the wall's
 law has no part in), and their moment about the clamp. Over each beat the work that the wall's and the knob's motion put
-in is compared with what is stored and what is lost, the integrator's own dissipation by itself
-(`balance_energy`); the step of time is halved to see with which order the rest falls, and the steps in which the
-tip touches, lets go, begins to slip or comes to rest are cut into sixteen to see what is theirs.
+in is compared with the stored and the lost energy; the dissipation of the integrator is a row of its own
+(`balance_energy`). The time step is halved to find the order of the residual, and the steps in which the
+tip touches, lets go, begins to slip or comes to rest are cut into sixteen to find their share.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from bench.studies.balance_runs import run, run_fine_at_events, settings_of
 from tipforce.simulation.world import run_session
 
 PARTS = 16
-"""Of the step of an event."""
+"""Number of parts of the step of an event."""
 
 
 def measure(number: int = 0, seconds: float = 12.0, halvings: int = 2, seed: int = 0) -> dict[str, Any]:

@@ -1,10 +1,10 @@
-"""Where the energy of a beating contact goes, step by step: put in, stored, lost, and what the integrator adds.
+"""Energy balance of a beating contact, step by step: put in, stored, lost, and dissipated by the integrator.
 
-At every instant the rod is in equilibrium with the forces of that instant, whatever they depend on. So the work of
-every force over a step is its mean at both ends times the way: of second order in the step, for all of them alike.
-The laws say what a damper, a slip or a creep loses: its force at the step's end, from the step's own rate, times the
-way. What the mean does less than that, half the force's change times the way, is the dissipation of implicit Euler: it
-is listed by itself. What then is left over is the rest.
+At every instant the rod is in equilibrium with the forces of that instant, for every law of force. So the work of
+every force over a step is its mean at both ends times the displacement, which is of second order in the step. By its
+law, a damper, a slip or a creep loses its force at the end of the step, from the rate in the step, times the
+displacement. The difference to the mean, half the change of the force times the displacement, is the dissipation of
+implicit Euler; it is a row of its own. The remaining difference is the residual.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ def mean(values: np.ndarray) -> np.ndarray:
 
 
 def energies(r: Run) -> dict[str, np.ndarray]:
-    """(m - 1,) each, in J, of every step: `PUT_IN`, what is added to `STORED`, `LOST` by the laws, `NUMERICAL`."""
+    """Returns (m - 1,) each, in J, for every step: `PUT_IN`, increase of `STORED`, `LOST` by the laws, `NUMERICAL`."""
     bench_model, contact, wall, shaft = r.session.bench_model, r.contact, r.session.bench_model.wall, r.settings.shaft
     rod, d, spans = bench_model.rod, np.asarray(wall.normal), bench_model.rod.joint_spans_m
     u, rest = r.strain, r.rest
@@ -40,7 +40,7 @@ def energies(r: Run) -> dict[str, np.ndarray]:
         + elastic(u[1:], rest[1:], memory[1:]) - elastic(u[1:], rest[:-1], memory[1:])
     )  # fmt: skip
     indentation, drag = contact.indentation_m, tangential(r, contact.force_n)
-    # With and without contact the dashpot takes what the indentation's spring and the tip leave.
+    # With and without contact the dashpot has the difference of the indentation's spring and the force of the tip.
     dashpot = -contact.force_n @ d - wall.stiffness_n_per_m * indentation
     springs = np.array([rod.gj_nm2, rod.bending_stiffness_nm2, rod.bending_stiffness_nm2])
     stress = shaft.creep_share * (u - rest - memory) * springs * np.asarray(rod.stiffness_profile)[:, None]
@@ -70,7 +70,7 @@ def energies(r: Run) -> dict[str, np.ndarray]:
 
 
 def energy_balance(r: Run, starts_s: np.ndarray) -> dict[str, Any]:
-    """Beat by beat, from each of ``starts_s`` to the next: what went where, and the rest, over what was moved."""
+    """Beat by beat, from each of ``starts_s`` to the next: all parts and the residual, as shares of the total."""
     parts = energies(r)
     at = np.searchsorted(r.time_s, starts_s - 0.5 * r.step_s.min())
 

@@ -58,7 +58,7 @@ def force_balance(r: Run, rows: np.ndarray) -> dict[str, float]:
     drag = tangential(r, contact.force_n)
     pull, limit = np.linalg.norm(drag[rows], axis=1), wall.friction * law
     slips = contact.slipping[rows]
-    # The tie holds from the second instant of a contact on, with what the first one moved.
+    # The tie holds from the second instant of a contact on, with the displacement of the first.
     held = contact.touching[rows - 2] & contact.touching[rows - 1] & contact.touching[rows]
     sticks = held & ~slips
     stretch = -wall.tangential_n_per_m * touched_way(r)

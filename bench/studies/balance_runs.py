@@ -100,7 +100,7 @@ def _run(session: Session, settings: WorldSettings, begin_s: float, step: np.nda
 
 
 def crept(r: Run, strain: np.ndarray) -> np.ndarray:
-    """(m, k, 3): what the Maxwell springs have gone slack by; hung up long before the first instant."""
+    """Returns the relaxed strain (m, k, 3) of the Maxwell springs; they are relaxed at the first instant."""
     relaxing = r.step_s / r.settings.shaft.creep_s
     share = relaxing / (1.0 + relaxing)
     against = strain - r.rest

@@ -3,7 +3,8 @@
     OMP_NUM_THREADS=1 python -m bench.studies.baselines [--json FILE]
 
 Rods of bench-2021's size (40 mm shaft, 8 mm electrode). alpha = P L^2 / EI with L = 48 mm: 0.19 N at alpha = 1.
-"Across": the force stands on the unloaded tip's axis. "Pushing": it pushes back along that axis, 15 degrees off.
+"Across": the force is perpendicular to the axis of the unloaded tip. "Pushing": it pushes back
+along that axis, 15 degrees off.
 The reference is the elastica with 400 segments (a plain solver of the tests), on the branch that is reached by raising
 the load from nothing.
 """

@@ -1,14 +1,14 @@
-"""How well `tipforce calibrate` recovers what a simulated bench is, session by session, against the truth.
+"""Compares the quantities that `tipforce calibrate` finds on a simulated bench with the truth, session by session.
 
     python -m bench.studies.calibration RUNS [--sessions N] [--seconds] [--json FILE]
 
 RUNS holds recordings of `tipforce simulate` with their truth beside them. Each is calibrated by itself, with the
 stiffness stated to 10 %. Prints for each quantity the median and largest error, that of the stated value, and how many
-errors lie within one and two stated standard deviations. Sessions that FILE holds already are not done again.
+errors are within one and two stated standard deviations. Sessions that FILE holds already are not done again.
 
 With --seconds instead: the rod's error against the true force in the last 15 seconds of each session, in contact, after
-calibration on so many seconds of its beginning. Nothing of those 15 seconds is used; it is the same session all the
-same, with the same catheter and camera.
+calibration on a number of seconds from its beginning. The calibration does not use those 15 seconds, but they have the
+same catheter and camera.
 """
 
 import argparse
@@ -45,7 +45,7 @@ NAMES = {
 
 
 def truths(session: CalibrationSession, truth: Truth) -> dict[str, float]:
-    """What is true, in the units of the table."""
+    """Returns the true values, in the units of the table."""
     values: Any = truth.values
     rotation = truth.sensor_from_base.rotation
     middle_s = 0.5 * float(session.stamp_ns[0] + session.stamp_ns[-1]) * 1e-9
@@ -65,7 +65,7 @@ def truths(session: CalibrationSession, truth: Truth) -> dict[str, float]:
 
 
 def one(path: Path) -> dict[str, Any]:
-    """Errors, standard deviations and errors of what was stated, by quantity."""
+    """Returns errors, standard deviations and errors of the stated values, by quantity."""
     session = read_session(path)
     found = calibrate_sessions([session])
     true = truths(session, read_truth(path))

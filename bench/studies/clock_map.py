@@ -1,11 +1,11 @@
-"""How well the clock map between camera and force log (offset and rate) is found on the simulated bench.
+"""Measures the error of the clock map between camera and force log (offset, rate) on the simulated bench.
 
     python -m bench.studies.clock_map FOLDER [--sessions 40] [--seed 3131] [--json FILE]
 
-Sessions of 30 to 60 s of `bench-2021` are simulated, the catheter is detected in each image once, and what was detected
-is kept in FOLDER. Then clocks are put wrong: offsets within +-2 s, rates within +-25 % (every fifth session: equal
+Sessions of 30 to 60 s of `bench-2021` are simulated, the catheter is detected in each image once, and the detections
+are kept in FOLDER. Then the clocks get errors: offsets within +-2 s, rates within +-25 % (every fifth session: equal
 rates), in four cases that take turns: with the stage's log, where the video's frame rate is wrong; with it, where the
-log's clock is; without it, where the sensor stands still; without it, where 50 g move with the sensor.
+log's clock is; without it, where the sensor is at rest; without it, where 50 g move with the sensor.
 """
 
 import argparse
@@ -36,7 +36,7 @@ START_NS = 10_000_000_000
 
 
 def collect(path: Path, seed: int, number: int) -> None:
-    """Simulate a session, detect the catheter in its images, and keep what an import would compare, with the truth."""
+    """Simulates a session, detects the catheter in its images, and keeps the inputs of an import, with the truth."""
     bench = SimulatedBench(preset_settings("bench-2021", SECONDS[number % 4]), seed, number)
     info, kept = bench.session_info, bench.arrived("camera")
     spread = kept[np.linspace(0, len(kept) - 1, 16).astype(int)]
@@ -99,8 +99,8 @@ def judge(path: Path, seed: int, number: int) -> dict[str, Any]:
     mass_kg = info.sensor.moving_mass_kg
     tare, inertia = find_tare_and_inertia(log_ns, force, stage, (stretch[0], stretch[1]), remarks, mass_kg)
     facts = ForceCorrections(info.sensor, tare, inertia, stage)
-    sight = DetectedShapes(frame_ns, _shapes(kept))
-    clock, inertia = find_clock(sight, info, log_ns, force, facts, ClockChoice(), remarks)
+    detections = DetectedShapes(frame_ns, _shapes(kept))
+    clock, inertia = find_clock(detections, info, log_ns, force, facts, ClockChoice(), remarks)
     row: dict[str, Any] = {"session": number, "case": case, "seconds": SECONDS[number % 4], "how": clock.how}
     true_rate = video * (1.0 + float(kept["drift"])) / log_rate
     row |= {"true_rate": true_rate, "added_ms": 1e3 * added_s}
@@ -185,7 +185,7 @@ def summarise(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def main() -> None:
-    """Read the command line; simulate what is missing; print a line for each session and the summary."""
+    """Reads the command line, simulates missing sessions, and prints a line for each session and the summary."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--sessions", type=int, default=40)

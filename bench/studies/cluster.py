@@ -36,7 +36,7 @@ WAYS = {
 
 
 def checksum(folder: Path) -> str:
-    """Of the names and contents of all files."""
+    """Returns the checksum of the names and contents of all files."""
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
         if path.is_file():

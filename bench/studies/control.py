@@ -4,10 +4,10 @@
         [--seconds S] [--regimes perpendicular oblique lateral] [--controllers none pi periodic] [--preset bench-2021]
         [--tissue own|stated|varied] [--out FILE]
 
-Each line of FILE (JSON) is one run; what stands there already is not run again. Without control the catheter stands
-where the mean force is the target, and the limit is lifted, for there is nothing to draw it back for. Feedback
-`fusion+MODEL` is `fusion` with the network MODEL, as for one that was trained on this bench (docs/control.md). At the
-end the table: medians and worst of the sessions.
+Each line of FILE (JSON) is one run; a run that is in FILE already is not run again. Without control the catheter rests
+where the mean force is the target, and the limit is lifted, so that it is never drawn back. Feedback
+`fusion+MODEL` is `fusion` with the network MODEL, as for one that was trained on this bench (docs/control.md). The
+table at the end has medians and worst values of the sessions.
 """
 
 import argparse

@@ -5,8 +5,9 @@
 
 The same network, loss (thesis eq. 19), order of the samples and learning rate as `tipforce evaluate dcfe --protocol
 thesis --to-the-letter`, but one epoch is captured as a CUDA graph with all images on the GPU: its 15 steps of 31 images
-are otherwise bound by their launches. 13 minutes on an H100 in bf16. OUT/scores.jsonl has a line every so many epochs:
-errors of Fx and Fy in mN on the test images against the force sensor, and on the training images.
+would otherwise wait for their launches. It takes 13 minutes on an H100 in bf16. OUT/scores.jsonl has a line
+every ``--every`` epochs: errors of Fx and Fy in mN on the test images against the force sensor, and on the training
+images.
 """
 
 import argparse

@@ -42,7 +42,7 @@ def content(path: Path) -> list[bytes]:
 
 
 def outcome(path: Path, whole: list[bytes]) -> str:
-    """What became of ``path``: reported, harmless or wrong, or the name of an error that should not be."""
+    """Returns the outcome for ``path``: reported, harmless or wrong, or the name of an unexpected error."""
     try:
         return "harmless" if content(path) == whole else "wrong"
     except TipforceError as error:

@@ -19,7 +19,7 @@ FRAME = 10
 
 
 def grain(image: np.ndarray) -> dict[str, float]:
-    """Of an RGB ``image`` (h, w, 3): sigma of green in grey levels, its correlations, that of green with red."""
+    """Returns sigma of green in grey levels, its correlations, and that with red, for an RGB ``image`` (h, w, 3)."""
     green, red = image[..., 1].astype(np.float64), image[..., 0].astype(np.float64)
     noise, other = (one - cv2.GaussianBlur(one, (0, 0), GROUND_PX) for one in (green, red))
     smooth = cv2.GaussianBlur(green, (0, 0), FLAT_PX)

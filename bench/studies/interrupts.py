@@ -46,7 +46,7 @@ def of_session(leader: int) -> list[int]:
 
 
 def one_round(verb: str, number: signal.Signals, after_s: float, place: Path) -> dict[str, object]:
-    """Starts ``verb``, interrupts it, and looks at what is left."""
+    """Starts ``verb``, interrupts it, and checks the files that are left."""
     shutil.rmtree(place / "out", ignore_errors=True)
     for folder in place.glob("out*"):
         shutil.rmtree(folder)

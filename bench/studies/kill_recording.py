@@ -33,7 +33,7 @@ def _image(k: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def record(folder: Path) -> None:
-    """Write 24 frames and 1000 readings a second, in real time, until killed; a ledger says what was handed over."""
+    """Writes 24 frames and 1000 readings a second, in real time, until killed; a ledger lists the written items."""
     clock, rng = SystemClock(), np.random.default_rng(0)
     images = [_image(k, rng) for k in range(48)]
     zero = clock.now_ns()
@@ -63,7 +63,7 @@ def _kill_after(command: list[str], seconds: float) -> bool:
 
 
 def _open(path: Path) -> tuple[int, int, int]:
-    """Frames, readings and newest stamp of what is readable; every image is decoded."""
+    """Returns frames, readings and newest stamp of the readable part; every image is decoded."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         reader = RecordingReader(path)
@@ -75,7 +75,7 @@ def _open(path: Path) -> tuple[int, int, int]:
 
 
 def kill_recordings(times: int, chance: random.Random) -> None:
-    """Print a table of what each killed recording still holds."""
+    """Prints a table of the contents of each killed recording."""
     print("killed while recording (24 frames/s, 1 kHz force, real time)")
     print(f"{'':>3} {'killed at':>9} {'frames':>13} {'readings':>15} {'lost':>8}")
     worst = 0.0
@@ -104,7 +104,7 @@ def kill_recordings(times: int, chance: random.Random) -> None:
 
 
 def kill_imports(times: int, chance: random.Random) -> None:
-    """Print what is there after each killed import, and that the same import then works."""
+    """Prints the files after each killed import, and whether the same import then works."""
     with tempfile.TemporaryDirectory() as name:
         folder, rng = Path(name), np.random.default_rng(1)
         write_video(folder / "video.mp4", (Frame(k * 41_666_667, _image(k, rng)) for k in range(480)), 24)

@@ -5,8 +5,8 @@
 
 Prints RMSE by component, mean and standard deviation over the seeds, for each number of training samples and for the
 whole training part, beside the constant predictor's. A smaller number is a part of the larger ones of its seed; the
-test part is the same for all. Each fit is kept in the JSON file as soon as it is done: what is there already is not
-done again, so a study that was broken off goes on, and may be given more sizes or seeds.
+test part is the same for all. Each fit is kept in the JSON file as soon as it is done: a fit in that file is not
+repeated, so that an interrupted study continues, and may get more sizes or seeds.
 """
 
 import argparse
@@ -59,9 +59,9 @@ def study(
     named: dict[str, Any],
     report: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """All fits that ``path`` does not hold yet; returns what it holds then.
+    """Computes all fits that ``path`` does not have yet; returns its new contents.
 
-    ``make``: the estimator of a seed. ``named``: what makes this study this study; a file of another one is
+    ``make``: the estimator of a seed. ``named``: properties that identify this study; a file of another study is
     refused. Sizes that the training part does not have are left out; the whole of it is always there.
     """
     about = {**named, "fingerprint": dataset.fingerprint(), "test_share": TEST_SHARE}
@@ -147,7 +147,7 @@ def figure(held: dict[str, Any]) -> Figure:
 
 
 def main() -> None:
-    """Read the command line, do what is not done, print, draw."""
+    """Reads the command line, computes the missing fits, prints and draws."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
     parser.add_argument("--estimator", default="svr")
@@ -155,7 +155,7 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="*", default=[60, 120, 240, 480])
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--from", dest="start", metavar="MODEL", help="networks: begin each fit with these weights")
-    parser.add_argument("--samples", type=int, help="draw so many samples first, with seed 0")
+    parser.add_argument("--samples", type=int, help="number of samples that are drawn first, with seed 0")
     parser.add_argument("--json", type=Path, default=Path("build/learning_curve.json"))
     parser.add_argument("--figure", type=Path, help="an SVG")
     options = parser.parse_args()

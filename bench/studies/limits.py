@@ -115,10 +115,10 @@ def cell(values: Sequence[float]) -> str:
     return f"{middle} ({low}-{high})"
 
 
-def table(bins: list[dict[str, Any]], what: str, factor: float, unit: str) -> str:
+def table(bins: list[dict[str, Any]], quantity: str, factor: float, unit: str) -> str:
     """The bins as rows in Markdown."""
     heads = [f"{name}, {label}" for label in WAYS.values() for name in QUANTITIES]
-    lines = [f"| {what} | frames | " + " | ".join(heads) + " |", "|---" * (2 + len(heads)) + "|"]
+    lines = [f"| {quantity} | frames | " + " | ".join(heads) + " |", "|---" * (2 + len(heads)) + "|"]
     for row in bins:
         cells = [cell(row[way][name]) for way in WAYS for name in QUANTITIES]
         place = f"{factor * row['from']:g}-{factor * row['below']:g} {unit}"
@@ -157,7 +157,7 @@ def parameters(figures: dict[str, Any], path: Path) -> None:
         ("by_contact_angle", 1.0, "angle between the tip's axis and the wall's normal, degrees"),
         ("by_force", 1e3, "force, mN"),
     ]
-    for column, (key, factor, what) in enumerate(shown):
+    for column, (key, factor, quantity) in enumerate(shown):
         bins = [row for row in figures[key] if row["frames"]]
         middle = np.array([0.5 * factor * (row["from"] + row["below"]) for row in bins])
         for way, label in WAYS.items():
@@ -171,7 +171,7 @@ def parameters(figures: dict[str, Any], path: Path) -> None:
             ("bound on the magnitude, mN", "median bound on fx (along the base) and fy (across), mN")
         ):
             edges = [factor * bins[0]["from"], *(factor * each["below"] for each in bins)]
-            axes[row, column].set(xlabel=what, yscale="log", xticks=edges)
+            axes[row, column].set(xlabel=quantity, yscale="log", xticks=edges)
             axes[row, column].grid(alpha=0.25, which="both")
             ticks = [1, 2, 5, 10, 20, 50, 100, 200]
             axes[row, column].set_yticks(ticks, [str(tick) for tick in ticks])
@@ -181,8 +181,8 @@ def parameters(figures: dict[str, Any], path: Path) -> None:
     axes[0, 0].legend(frameon=False, loc="lower left")
     axes[1, 0].set_ylim(bottom=0.6)
     axes[1, 0].legend(frameon=False, ncols=2, loc="lower left")
-    what = "posterior Cramer-Rao bound (standard deviation), frames in contact"
-    figure.suptitle(f"{figures['preset']}, {figures['sessions']} sessions: {what}")
+    title = "posterior Cramer-Rao bound (standard deviation), frames in contact"
+    figure.suptitle(f"{figures['preset']}, {figures['sessions']} sessions: {title}")
     figure.savefig(path)
 
 
@@ -239,8 +239,8 @@ def main() -> None:
     place.with_suffix(".json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     parameters(figures, place.with_suffix(".svg"))
     print(unknowns_table(figures["unknowns"]), end="\n\n")
-    for suffix, what in (("", "broad"), ("_learnt", "as forces are")):
-        print(f"force beforehand: {what}\n")
+    for suffix, prior in (("", "broad"), ("_learnt", "as forces are")):
+        print(f"force beforehand: {prior}\n")
         print(table(figures[f"by_contact_angle{suffix}"], "contact angle", 1.0, "deg"))
         print("\n".join(table([figures[f"all{suffix}"]], "", 1e3, "mN").splitlines()[2:]), end="\n\n")
         print(table(figures[f"by_force{suffix}"], "force", 1e3, "mN"), end="\n\n")

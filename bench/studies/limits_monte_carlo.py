@@ -1,11 +1,11 @@
-"""Whether the bound is met: maximum a posteriori fits of the whole model to noisy lines of single frames.
+"""Checks whether the bound is reached: maximum a posteriori fits of the whole model to noisy lines of single frames.
 
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.studies.limits_monte_carlo --preset bench-2021 --session 40 --draws 60
 
 In each draw the true frame is seen with noise, everything that is known beforehand is known with an error as wide as
 its prior, and all unknowns are fitted: Gauss-Newton on the rod and the camera themselves, the seen line held against
 the predicted one point by point. ``--width`` scales priors and noise: with small ones all is linear, and the ratio of
-the errors' variance to the bound must be 1; with 1 it tells what the bend of the model does.
+the errors' variance to the bound must be 1; with 1 it shows the effect of the model's nonlinearity.
 """
 
 import argparse
@@ -30,7 +30,7 @@ from tipforce.simulation import PRESETS, SimulatedBench
 
 STEPS = 30
 CONVERGED = 0.1
-"""A fit has converged where the next step is shorter than this share of what the posterior leaves open."""
+"""A fit has converged where the next step is shorter than this share of the posterior standard deviation."""
 NEARLY_CONVERGED = 0.7
 """And where no smaller error is found along the step, at this share."""
 SMALLEST = 1e-3
@@ -111,12 +111,12 @@ def seen_px(line: np.ndarray, errors: np.ndarray, width: int, height: int) -> np
 
 
 def errors_of(inputs: BoundInputs, seen: np.ndarray, found: np.ndarray, names: list[str]) -> np.ndarray | None:
-    """How far ``seen`` lies off the line that the unknowns ``found`` predict, m; None where there is no such line."""
+    """Returns the distance of ``seen`` from the line that the unknowns ``found`` predict, in m; None without a line."""
     settings = inputs.settings
     try:
         now = moved(inputs, dict(zip(names, found.tolist(), strict=True)))
         line = line_px(now)
-    except ValueError:  # a rod bent beyond what its law allows: too long a step
+    except ValueError:  # a rod bent beyond the limit of its law: too long a step
         return None
     if now.lens.distance_m < NEAREST_M:
         return None

@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=1 python -m bench.studies.limits_with_indentation --sessions 40 --out build/indentation.json
 
 The bound of `limits`, whose priors and noise it has, with one more reading in each frame: the depth of the
-indentation. Its error and what is known of the tissue beforehand are assumed, not measured: the rows are these
+indentation. Its error and the prior of the tissue are assumed, not measured: the rows are these
 assumptions. Frames in contact; median standard deviation of the magnitude in mN.
 """
 
@@ -21,9 +21,9 @@ from tipforce.limits import CONTACT_FORCE_PRIORS_N2, CramerRaoBound, Indentation
 from tipforce.simulation import PRESETS, SimulatedBench
 
 PRIORS = {"3 %": 0.03, "12 %, as bench-2021 draws it": 0.117, "unknown, 30 to 500 N/m": 0.812}
-"""Of the stiffness's logarithm; the last is that of a uniform logarithm, as `varied` draws it."""
+"""Standard deviation of the stiffness's logarithm; the last is that of a uniform logarithm, as `varied` draws it."""
 READINGS = {"0.05 mm": (5e-5, 5e-5), "0.2 mm": (2e-4, 2e-4)}
-"""Error of the depth in one frame, and of where the face lies: a quarter of a pixel, and one."""
+"""Error of the depth in one frame, and of the position of the face: a quarter of a pixel, and one."""
 WAYS = {"one frame": "single_frame", "all frames so far": "sequential"}
 
 
@@ -62,7 +62,7 @@ def main() -> None:
     options.out.parent.mkdir(parents=True, exist_ok=True)
     figures = {**vars(options), "out": str(options.out), "frames_in_contact": frames, "median_mn": medians}
     options.out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    print(f"| what is read | {' | '.join(WAYS)} |")
+    print(f"| reading | {' | '.join(WAYS)} |")
     print("|---" * (1 + len(WAYS)) + "|")
     for name in dict.fromkeys(key.split("|")[0] for key in medians):
         cells = (f"{medians[name + '|' + way]:.1f}" for way in WAYS)

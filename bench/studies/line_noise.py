@@ -3,8 +3,8 @@
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.studies.line_noise --preset bench-2021 --sessions 16 --out DIR
 
 Images are drawn, go through JPEG as in a recording, and are detected; the true line is projected through the true
-camera. What frames of a session that are more than a second apart share is lasting, the rest fresh. Frames on which
-the wrong thing was seen (tip off by more than 5 px, a point by more than 2 px) are left out; of the
+camera. The part of the error that frames of a session more than a second apart share is lasting, the rest fresh. Frames
+in which a wrong object was detected (tip off by more than 5 px, a point by more than 2 px) are left out; of the
 others, errors beyond three robust standard deviations count as three.
 By default the sessions are of seed 1000, which no split has. Writes ``line-noise-PRESET.json`` and ``.svg``.
 """
@@ -36,7 +36,7 @@ FIRST_FRAME = 24
 SPREAD = 16
 """Frames over the session that vision is calibrated on, with the session's metadata."""
 APART = 24
-"""Frames from which on what two share is taken for lasting."""
+"""Distance in frames from which the error that two frames share counts as lasting."""
 WRONG_PX, WRONG_TIP_PX = 2.0, 5.0
 ROBUST = 3.0
 
@@ -69,9 +69,9 @@ def line_grid(true: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np
 
 
 def line_errors(seen: np.ndarray, true: np.ndarray, width: int, height: int) -> tuple[np.ndarray, float]:
-    """How far ``seen`` (n, 2) lies to the left of ``true`` (p, 2) at its `line_grid`, then its tip along it: px.
+    """Returns the distance of ``seen`` (n, 2) to the left of ``true`` (p, 2) at its `line_grid`, then along the tip.
 
-    Returns (POINTS + 1,), and the true line's length in the image. Lines run from base to tip.
+    (POINTS + 1,) in px, and the true line's length in the image. Lines run from base to tip.
     """
     points, along, left, length = line_grid(true, width, height)
     way = arc_length(seen)
@@ -98,12 +98,12 @@ def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str
         return {"number": number, "frames": [], "errors": [], "lengths": [], "lost": frames, "wrong": 0}
     right, rows, lengths, lost, wrong = [], [], [], 0, 0
     for k in np.linspace(FIRST_FRAME, len(lines) - 1, frames).astype(int).tolist():
-        sight = vision.detect(through_jpeg(bench.frame(k).image, quality))
-        if sight.centreline is None:
+        detection = vision.detect(through_jpeg(bench.frame(k).image, quality))
+        if detection.centreline is None:
             lost += 1
             continue
         true = camera.project(lines[k])
-        errors, length = line_errors(sight.centreline.points, true, bench.settings.width, bench.settings.height)
+        errors, length = line_errors(detection.centreline.points, true, bench.settings.width, bench.settings.height)
         if abs(errors[-1]) > WRONG_TIP_PX or np.abs(errors[:-1]).max() > WRONG_PX:
             wrong += 1
             continue
@@ -114,7 +114,7 @@ def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str
 
 
 def covariances(found: Iterable[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
-    """(POINTS + 1, POINTS + 1) px^2 each: of what is fresh in every frame, and of what neighbours share."""
+    """(POINTS + 1, POINTS + 1) px^2 each: of the error that is fresh in every frame, and of the lasting one."""
     kept = [(np.array(row["frames"]), np.array(row["errors"])) for row in found if len(row["frames"]) > 1]
     everything = np.concatenate([errors for _, errors in kept])
     limit = ROBUST * 1.4826 * np.median(np.abs(everything), axis=0)

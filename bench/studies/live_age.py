@@ -114,7 +114,7 @@ class Queue:
         """The oldest image that waits, or the next one."""
         now_s = time.monotonic() - self.zero_s
         if taken_s(self.next + 4, self.situation) < now_s and self.read_s + 4 * PERIOD_S < now_s:
-            self.old, self.read_s = 4, now_s  # four are kept, what came after them is lost
+            self.old, self.read_s = 4, now_s  # four are kept, later ones are lost
         if self.old == 0:
             while taken_s(self.next + 1, self.situation) < now_s:
                 self.next += 1
@@ -244,7 +244,7 @@ NETWORK = ("opencv, an address", "video, an address")
 
 
 class Foreign:
-    """A source of somebody else on a clock of its own, fed by a socket that keeps what nobody reads."""
+    """A source of another program on a clock of its own, fed by a socket that keeps unread data."""
 
     def __init__(self, queue: Queue) -> None:
         self.queue, self.session_info = queue, SessionInfo("foreign")
@@ -317,7 +317,7 @@ class Ages:
 
 
 def run_driver(driver: str, situation: str, url: str, seconds: float) -> None:
-    """The live program of one run; prints what it came to."""
+    """Runs the live program of one run; prints its figures."""
     print("ready", flush=True)
     zero_s = float(sys.stdin.readline())
     source = source_of(driver, situation, zero_s, url)
@@ -478,7 +478,7 @@ class SteadyCamera:
 
 
 def read_output(name: str, reader: str, port: int, zero_s: float) -> None:
-    """A reader in a process of its own; prints what it came to."""
+    """Runs a reader in a process of its own; prints its figures."""
     messages = OUTPUTS[name][1](port)
     next(messages)
     print("ready", flush=True)

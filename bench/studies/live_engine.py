@@ -5,7 +5,7 @@
 
 Each model runs on a 640x480 video at 60 Hz (written here, lossy, from the simulated bench, and looped) and on the
 simulated bench at 60 Hz in real time, which draws its images in the same process. A client on the page's socket
-acknowledges each message at once, as a quick browser does. The first seconds, in which kernels are loaded and
+acknowledges each message immediately, as a quick browser does. The first seconds, in which kernels are loaded and
 detection is calibrated, are left out of latencies and of the memory's growth. ``--seconds 3600`` is a soak.
 """
 
@@ -34,7 +34,7 @@ from tipforce.types import SessionInfo, read_bench
 
 RATE_HZ = 60.0
 WARM_S = 10.0
-"""What comes before is left out."""
+"""The figures leave out this time from the start."""
 MEMORY_EVERY_S = 1.0
 
 
@@ -70,7 +70,7 @@ class Notes:
 
 
 class Page:
-    """A page that acknowledges at once; ``delays_ns``: from mid-exposure until the message was read from the socket."""
+    """A page that acknowledges immediately; ``delays_ns``: from mid-exposure until it read the message."""
 
     def __init__(self, address: str, clock, warm_ns: int) -> None:
         self.delays_ns: list[int] = []
@@ -125,7 +125,7 @@ class Memory:
 
 
 def write_input(folder: Path, seconds: float) -> tuple[Path, SessionInfo]:
-    """A video of the simulated bench at 60 Hz, and what its bench.toml states."""
+    """A video of the simulated bench at 60 Hz, and the session metadata of its bench.toml."""
     chosen = preset_settings("bench-2021", max(8.0, seconds), {"world": {"clock": {"fps": RATE_HZ}}})
     simulate(folder, chosen, sessions=1, seed=5, form="files")
     session = folder / "session_00"

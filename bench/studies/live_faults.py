@@ -2,10 +2,10 @@
 
     OMP_NUM_THREADS=1 python -m bench.studies.live_faults pretrained/compact [--rounds N] [--json FILE]
 
-Images of the simulated bench (640x480, 60 Hz) come from memory. Each fault lasts two seconds, then the camera is well
+Images of the simulated bench (640x480, 60 Hz) come from memory. Each fault lasts two seconds, then the camera works
 again. Until invalid: from mid-exposure of the last good image to the first output without a force, which may be at
-most 200 ms (the rule) and what the machine needs to wake a thread. Until valid: from mid-exposure of the first good
-image after the fault to the first force.
+most 200 ms (the rule) and the time in which the machine wakes a thread. Until valid: from mid-exposure of the first
+good image after the fault to the first force.
 """
 
 import argparse
@@ -32,7 +32,7 @@ KEPT = 360
 
 
 class Unplugged(OSError):
-    """What a driver raises."""
+    """The error that a driver raises."""
 
 
 class FaultyCamera:

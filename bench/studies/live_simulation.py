@@ -1,10 +1,10 @@
-"""How fast the live simulation is: simulated seconds a second, and the time from one event to the next.
+"""Measures the speed of the live simulation: simulated seconds a second, and the time from one event to the next.
 
     OMP_NUM_THREADS=1 python -m bench.studies.live_simulation [--seconds S] [--blocks N] [--json FILE]
 
 One session of bench-2021, with its images and without, and without them under a command every 10 ms. Each block is
-the session from its beginning; rates are of the best block, also by processor time, which tells what a busy machine
-hides; steps are of all blocks.
+the session from its beginning; rates are of the best block, also by processor time, which other load of the
+machine does not change; steps are of all blocks.
 """
 
 import argparse

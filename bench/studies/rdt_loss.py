@@ -2,9 +2,9 @@
 
     python -m bench.studies.rdt_loss [--minutes 10] [--loss 0.01] [--reorder 0.01] [--json FILE]
 
-The box runs in a process of its own. Each packet carries its own number as force, so that a reading tells which packet
-it was. Every ten seconds another fault comes on top: 40 packets that the box leaves out, an error status with nonsense
-in the counts for 50 ms, a sequence that stands still for 50 ms, silence for 0.4 s.
+The box runs in a process of its own. Each packet carries its own number as force, so that a reading identifies its
+packet. Every ten seconds another fault comes on top: 40 packets that the box leaves out, an error status with nonsense
+in the counts for 50 ms, a sequence number that does not change for 50 ms, silence for 0.4 s.
 """
 
 import argparse
@@ -24,7 +24,7 @@ COUNTS = 1000.0
 
 
 def box(pipe, loss, reorder):
-    """Serve until told to end, then tell what was sent."""
+    """Serves until a message on ``pipe`` ends it, then sends the counts of the packets."""
     emulator = NetFtEmulator(rate_hz=RATE_HZ, counts_per_force=COUNTS, faults=NetFtFaults(loss, reorder))
     emulator.force = lambda _: (emulator.rdt / COUNTS, 0.0, 0.0, 0.0, 0.0, 0.0)
     number = 0
@@ -95,7 +95,7 @@ def main():
     counts = {
         name: health.counts.get(name, 0) for name in ("lost", "late", "duplicate", "status", "frozen", "malformed")
     }
-    # what lies between the first and the last reading is a reading, or was counted under one name
+    # each packet between the first and the last reading is a reading, or was counted under one name
     missing = int(gaps.sum())
     counted = counts["lost"] + counts["late"] + counts["status"] + counts["frozen"]
     seconds = (np.array(stamps) - stamps[0]) * 1e-9

@@ -7,7 +7,7 @@ The stored curves are quartics y(x) without constant term in an undocumented uni
 between the two black rings); thinning after Lee, Kashyap and Chu; the longest path through the skeleton; origin at its
 lowest pixel; x up the IMAGE and y to the left (the base tangent plays no part, hence the linear term); divided by the
 longer side of the path's bounding box, which is another unit in every frame; ordinary least squares over the pixels.
-The chain below is written anew from that description. A frame without stored curve is compared with what it yields.
+The chain below is written anew from that description. A frame without stored curve is compared with its result.
 
 Deviation: the distance from every point of the stored curve to our centreline, in pixels and in percent of the stored
 curve's deflection at its end.
@@ -36,7 +36,7 @@ THRESHOLD = 127
 
 @dataclass(frozen=True)
 class Source:
-    """What the source's chain makes of a frame: ``path`` (n, 2) skeleton pixels u, v; the rest of its curve."""
+    """Result of the source's chain for a frame: ``path`` (n, 2) skeleton pixels u, v; the rest of its curve."""
 
     path: np.ndarray
     origin: np.ndarray
@@ -145,26 +145,26 @@ def drawing(image: np.ndarray, line: np.ndarray, source: Source) -> np.ndarray:
 
 
 def measure(folder: pathlib.Path, out: pathlib.Path | None = None) -> dict:
-    """All figures: per frame what was found, per variant and frame the deviations."""
+    """Returns all figures: per frame the detection, per variant and frame the deviations."""
     known = stored(folder)
     tracer = Tracer(SETTINGS)
     frames, sources, lines = {}, {}, {}
     for path in sorted((folder / "frames").glob("*.png")):
         image = cv2.imread(str(path))
-        sight = tracer.detect(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
-        frame = {"found": sight.found, "detail": sight.detail, "stored": path.name in known}
+        detection = tracer.detect(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+        frame = {"found": detection.found, "detail": detection.detail, "stored": path.name in known}
         frames[path.name] = frame
-        if sight.centreline is None:
+        if detection.centreline is None:
             continue
         source = source_chain(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
         if path.name in known:
             frame["chain_error"] = float(np.abs(source.quartic - known[path.name]).max())
             source = Source(source.path, source.origin, source.unit, np.array(known[path.name]))
-        line = dense(sight.centreline.points, 0.02)
+        line = dense(detection.centreline.points, 0.02)
         end = np.polyval([*source.quartic, 0.0], source.height / source.unit) * source.unit
         frame |= {
-            "tip_px": [float(value) for value in sight.centreline.points[-1]],
-            "diameter_px": sight.diameter_px,
+            "tip_px": [float(value) for value in detection.centreline.points[-1]],
+            "diameter_px": detection.diameter_px,
             "unit_px": source.unit,
             "origin_px": source.origin.tolist(),
             "deflection_px": abs(float(end)),

@@ -82,10 +82,10 @@ def extra_trees(data: Dataset, train: np.ndarray, test: np.ndarray) -> FloatArra
 
 
 def noise(data: Dataset) -> list[tuple[str, FloatArray]]:
-    """What no method that follows the slow pull can get below, and what it rests on.
+    """Returns the smallest error of a method that follows the slow pull, and the readings that show it.
 
-    The pull changes over seconds. What moves about its mean over one second is the sensor; this noise is not white (its
-    first differences are uncorrelated), so ten rows of tare average little of it away.
+    The pull changes over seconds. Its motion about the mean over one second is noise of the sensor; it is not white
+    (its first differences are uncorrelated), so ten rows of tare average little of it away.
     """
     force = data.force_n[:, :2] * 1e3
     parts = [force[data.session == name] for name in data.sessions]
@@ -101,9 +101,9 @@ def noise(data: Dataset) -> list[tuple[str, FloatArray]]:
 
 
 def each_session(data: Dataset, seed: int) -> None:
-    """Prints what the best method across sessions says of each session that it did not see.
+    """Prints the estimates of the best method across sessions, for each session that it was not trained on.
 
-    Wrong: off by more than twice the error over the folds of its own training part, which is what it expects.
+    Wrong: off by more than twice the error over the folds of its own training part, which is the error that it expects.
     """
     settings = {**METHODS["svr, across sessions, window"], "seed": seed}
     print(f"{'session':16s} {'abstains':>8s} {'RMSE, mN':>13s} {'bias, mN':>13s} {'wrong, %':>13s} {'holds, %':>13s}")

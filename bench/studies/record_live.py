@@ -2,8 +2,8 @@
 
     python -m bench.studies.record_live [--minutes 10] [--fps 60] [--json FILE]
 
-Camera (motion JPEG by HTTP) and force sensor (RDT) are emulators in a process of their own; what they sent is held
-against what the recording holds. The clock offset is not looked for: it is found after the recording.
+Camera (motion JPEG by HTTP) and force sensor (RDT) are emulators in a process of their own; the data that they sent
+are compared with the recording. The clock offset is not searched: it is found after the recording.
 """
 
 import argparse

@@ -40,7 +40,7 @@ def main() -> None:
         size = path.stat().st_size / 1e6
         print(f"write      {took:7.2f} s   {60 * options.minutes / took:6.1f} x real time, {size:.0f} MB")
         with RecordingReader(path) as reader:
-            for what, call in (
+            for part, call in (
                 ("info", lambda: reader.info),
                 ("wrenches", reader.wrenches),
                 ("labels", lambda: labels(reader)),
@@ -49,7 +49,7 @@ def main() -> None:
             ):
                 start = time.perf_counter()
                 call()
-                print(f"{what:<10} {1e3 * (time.perf_counter() - start):7.1f} ms")
+                print(f"{part:<10} {1e3 * (time.perf_counter() - start):7.1f} ms")
     print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
 
 

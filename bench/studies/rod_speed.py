@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 python -m bench.studies.rod_speed RUNS [--sessions N]
 
-What detection takes in the same frame is timed apart and stands beside it.
+The time of the detection in the same frame is measured separately and printed beside it.
 """
 
 import argparse
@@ -30,7 +30,7 @@ class Timed:
 
     @property
     def shape(self) -> Any:
-        """What was detected last."""
+        """Shape that was detected last."""
         return self._detection.shape
 
     def read(self, observation: Observation) -> Any:

@@ -1,4 +1,4 @@
-"""What the sessions of a preset are like: forces, contact, angles, stick and slip, draws that could not be had.
+"""Distributions of the sessions of a preset: forces, contact, angles, stick and slip, impossible parameters.
 
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.studies.simulation_distributions --sessions 80 --out DIR
 
@@ -65,7 +65,7 @@ def spread(values: Any) -> dict[str, float]:
 
 
 def parameters(rows: list[dict[str, Any]], preset: str, path: Path) -> None:
-    """Histograms of what matters."""
+    """Draws histograms of the main quantities."""
     together = {key: np.concatenate([row[key] for row in rows]) for key in ("force_n", "contact_angle_deg")}
     panels = [
         (together["force_n"], force_edges_n(preset), "force in contact, N", "frames"),

@@ -29,14 +29,14 @@ def images(folder: pathlib.Path) -> np.ndarray:
     return np.ascontiguousarray(frames)
 
 
-def tile(image: np.ndarray, sight: DetectedShape, name: str, scale: int = 5) -> np.ndarray:
+def tile(image: np.ndarray, detection: DetectedShape, name: str, scale: int = 5) -> np.ndarray:
     big = cv2.cvtColor(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR)
-    if sight.centreline is not None:
-        line = (sight.centreline.points + 0.5) * scale - 0.5
+    if detection.centreline is not None:
+        line = (detection.centreline.points + 0.5) * scale - 0.5
         cv2.polylines(big, [np.int32(np.rint(line * 16))], False, (60, 60, 255), 1, cv2.LINE_AA, 4)
     cv2.putText(big, name, (4, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 220, 255), 1, cv2.LINE_AA)
-    if not sight.found:
-        cv2.putText(big, str(sight.status), (4, 30), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 120, 255), 1, cv2.LINE_AA)
+    if not detection.found:
+        cv2.putText(big, str(detection.status), (4, 30), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 120, 255), 1, cv2.LINE_AA)
     return big
 
 
@@ -50,8 +50,8 @@ def main() -> None:
     frames = images(pathlib.Path(os.environ["TIPFORCE_REAL_DATA"]))
     tracer = Tracer(SETTINGS)
     seen = [tracer.detect(frame) for frame in frames]
-    found = [k for k, sight in enumerate(seen) if sight.found]
-    why = collections.Counter(str(sight.status) for sight in seen)
+    found = [k for k, detection in enumerate(seen) if detection.found]
+    why = collections.Counter(str(detection.status) for detection in seen)
     lengths = np.array([np.linalg.norm(np.diff(seen[k].centreline.points, axis=0), axis=1).sum() for k in found])
     print(f"found {len(found)} of {len(frames)} = {100 * len(found) / len(frames):.1f} %   {dict(why)}")
     print(

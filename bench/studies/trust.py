@@ -1,11 +1,11 @@
-"""How far each estimator can be trusted where the world is another than it was trained in: the trust table.
+"""The trust table: errors of each estimator on benches that differ from its training bench.
 
     python -m bench.studies.trust pretrained/compact rod --runs build/trust --json build/trust.json --into PAGE.md
 
 Each row changes one thing about the bench; its sessions are simulated once into ``--runs`` and kept between runs. The
-rows of `bench-2021` share one seed: they are the same sessions but for what is changed. ``--other-engines FOLDER``
-adds recordings of `benchmarks.foreign`. Models are folders, `pretrained/NAME`, or methods that need no training, these
-with settings, if wanted: ``fusion:rod.vision.method=auto``.
+rows of `bench-2021` share one seed: they are the same sessions except for the change. ``--other-engines FOLDER``
+adds recordings of `benchmarks.foreign`. Models are folders, `pretrained/NAME`, or methods that need no training, with
+settings, if wanted: ``fusion:rod.vision.method=auto``.
 Magnitudes against the truth. Prints the table; ``--into FILE`` puts it between two marks in a page.
 """
 
@@ -30,12 +30,12 @@ from tipforce.types import FloatArray, IntArray, SessionInfo
 from tipforce.vision import INWARD
 
 SEED = 7121
-"""Of all rows but `varied`; nothing was trained or tuned on its sessions."""
+"""Seed of all rows but `varied`; nothing was trained or tuned on its sessions."""
 VARIED_SEED = 0
 """The sessions with which every result of `varied` begins: for reporting, never for tuning."""
 OTHER_ENGINES = "other engines"
 NEAR_AXIS_DEG = 30.0
-"""A force within this of the shaft's axis hardly bends the shaft."""
+"""A force within this angle of the shaft's axis bends the shaft little."""
 MARKS = "<!-- table of bench.studies.trust: begin -->", "<!-- table of bench.studies.trust: end -->"
 
 
@@ -171,7 +171,7 @@ def truth_of(data: Dataset, folder: Path) -> FloatArray:
 
 
 _HEAD = (
-    "what is changed", "model", "MAE", "bias", "bias near the axis", "wrong", "coverage", "worst stratum", "abstained",
+    "change", "model", "MAE", "bias", "bias near the axis", "wrong", "coverage", "worst stratum", "abstained",
 )  # fmt: skip
 
 
@@ -210,7 +210,7 @@ def into(page: Path, text: str) -> None:
 
 
 def main() -> None:
-    """Simulate what is missing, judge, print."""
+    """Simulates missing sessions, evaluates the models, and prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("models", nargs="+", metavar="MODEL")
     parser.add_argument("--runs", type=Path, default=Path("build/trust"), help="where the sessions are kept")

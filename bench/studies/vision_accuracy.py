@@ -62,12 +62,12 @@ def measure(look: tubes.Look, frames: int, seed: int) -> dict[str, float]:
             continue
         for m in range(n):
             tube = drawn[m] if m < len(drawn) else tubes.draw(rng, painted, side)
-            sight = vision.detect(tube.image)
-            if sight.centreline is None:
+            detection = vision.detect(tube.image)
+            if detection.centreline is None:
                 lost += 1
                 continue
-            error = tubes.distance_to_curve(sight.centreline.points, tube.curve)
-            along = tubes.tip_along(sight.centreline.points, tube)
+            error = tubes.distance_to_curve(detection.centreline.points, tube.curve)
+            along = tubes.tip_along(detection.centreline.points, tube)
             if abs(along) > 5 or error.max() > 2:
                 wrong += 1
                 continue

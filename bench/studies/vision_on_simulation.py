@@ -1,15 +1,14 @@
-"""What `fine` detects in recordings of the simulated bench, held against their hidden truth, session by session.
+"""Compares the detections of `fine` in recordings of the simulated bench with the hidden truth, by session.
 
     python -m bench.studies.vision_on_simulation RUNS [RUNS ...] [--every 12] [--live | --blind | --together N]
         [--sheet worst.jpg] [--json FILE]
 
-Each RUNS holds what `tipforce simulate` wrote; every view of a session is looked at. The settings are calibrated on 16
+Each RUNS is a folder of `tipforce simulate`; every view of a session is used. The settings are calibrated on 16
 frames spread over the session and on its session metadata (nominal size, scale, the base's side); with --live on frames
-of its first two seconds, in which the catheter stands still; with --blind on the spread images alone; with
+of its first two seconds, in which the catheter is at rest; with --blind on the spread images alone; with
 --together N once on images of the folder's first N sessions, as an estimator that trains on these does. Wrong: given
 as valid, but with a tip more than 5 px off along the shaft, or a point more than 2 px beside the true centreline.
-Errors are those of the frames that are right. Covered: something hides more than 3 % of what the image would show
-of the catheter.
+Errors are those of the frames that are right. Covered: an object hides more than 3 % of the catheter in the image.
 """
 
 import argparse
@@ -42,12 +41,12 @@ def off_curve(points: np.ndarray, image: np.ndarray, curve: np.ndarray) -> tuple
 
 
 def look(vision: ShapeDetector, image: np.ndarray, curve: np.ndarray) -> dict[str, Any]:
-    """One frame: what was found, and how far off."""
-    sight = vision.detect(image)
-    if sight.centreline is None:
-        why = f"{sight.status}: {sight.detail}"
+    """Returns the detection in one frame, and its error."""
+    detection = vision.detect(image)
+    if detection.centreline is None:
+        why = f"{detection.status}: {detection.detail}"
         return {"found": False, "wrong": False, "why": why, "bad": 1e3, "points": None}
-    points = sight.centreline.points
+    points = detection.centreline.points
     tip, beside = off_curve(points, image, curve)
     wrong = tip > TIP_PX or float(beside.max()) > SIDE_PX
     row = {"found": True, "wrong": wrong, "side": float(np.median(beside)), "worst": float(beside.max()), "tip": tip}
@@ -59,7 +58,7 @@ def look(vision: ShapeDetector, image: np.ndarray, curve: np.ndarray) -> dict[st
 
 
 def covered(curve: np.ndarray, visible: float, size: tuple[int, int]) -> bool:
-    """Whether something lies over the catheter where the image would show it."""
+    """Returns whether an object hides the catheter where the image would show it."""
     inside = ((curve > -0.5) & (curve < np.array(size) - 0.5)).all(axis=1)
     return visible < float(inside.mean()) - HIDDEN
 
@@ -80,7 +79,7 @@ def calibrated_together(paths: list[Path]) -> dict[str, ResolvedVision]:
 def session(
     path: Path, truth: Truth, shared: dict[str, ResolvedVision], options: argparse.Namespace
 ) -> list[dict[str, Any]]:
-    """Every so many frames of each view of a recording."""
+    """Returns rows of every ``every``-th frame of each view of a recording."""
     with RecordingReader(path) as reader:
         return [row for view in reader.views for row in one_view(reader, view, path, truth, shared, options)]
 
@@ -93,7 +92,7 @@ def one_view(
     shared: dict[str, ResolvedVision],
     options: argparse.Namespace,
 ) -> list[dict[str, Any]]:
-    """Every so many frames of one view."""
+    """Returns rows of every ``every``-th frame of one view."""
     of_view = truth.others.get(view, truth)
     stamps = reader.stamps(view)
     count = len(stamps)
@@ -130,7 +129,7 @@ def one_view(
 
 
 def draw_contact_sheet(rows: list[dict[str, Any]], path: Path) -> None:
-    """The worst frames: truth in green, what was seen in red."""
+    """Draws the worst frames: truth in green, detection in red."""
     tiles = []
     for row in rows[:12]:
         grey = row["image"].ndim == 2
@@ -173,7 +172,7 @@ def main() -> None:
     start = parser.add_mutually_exclusive_group()
     start.add_argument("--live", action="store_true", help="calibrate on the first two seconds")
     start.add_argument("--blind", action="store_true", help="nothing is known but the images")
-    start.add_argument("--together", type=int, default=0, help="calibrate once, on so many sessions")
+    start.add_argument("--together", type=int, default=0, help="calibrate once, on this number of sessions")
     parser.add_argument("--sheet", type=Path, help="draw the twelve worst frames")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()

@@ -17,7 +17,7 @@ __all__ = ["main"]
 SESSIONS = 20
 SECONDS = 4.2
 SAMPLES = 4
-"""Light paths a pixel: what is left of their noise is that of a camera in a dim room."""
+"""Number of light paths for each pixel: their noise is like that of a camera in a dim room."""
 GREY_SHARE = 0.35
 FULL_AT = 0.98
 """The share of the first frame's pixels that the exposure leaves below full."""
@@ -40,7 +40,7 @@ def generate(output: Path, seeds: range, seconds: float, samples: int, variant: 
 def mark(data: Path, output: Path) -> None:
     """Imports the sessions of ``data`` once more, as a person helps: base marked in the first frame, clocks known.
 
-    The sessions are too short to find the clocks on them: their offset is stated, as a trigger line tells it.
+    The sessions are too short to find the clocks on them: their offset is stated, as a trigger line measures it.
     """
     output.mkdir(parents=True, exist_ok=True)
     for truth in sorted(data.glob("session_*.truth.npz")):

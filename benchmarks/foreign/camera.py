@@ -1,4 +1,4 @@
-"""Where the camera of a foreign session stands, and what its sensor makes of light."""
+"""The position of the camera of a foreign session, and the response of its sensor to light."""
 
 import math
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class Camera:
 
 
 def draw_camera(plan: Plan, run: Run) -> Camera:
-    """Places the camera so that the whole motion is in view and the base lies towards the drawn border."""
+    """Places the camera so that the whole motion is in view and the base is towards the drawn border."""
     rng = np.random.default_rng((plan.seed, 4))
     u = rng.uniform
     side = list(SIDES)[plan.seed % 4]
@@ -61,7 +61,7 @@ def draw_camera(plan: Plan, run: Run) -> Camera:
     needed = (high - low + np.where(np.arange(2) == axis, 12.0, 24.0)) / pixels
     scale = max(float(needed.max()), u(0.17, 0.24))  # mm a pixel
     slack = pixels * scale - (high - low)
-    share = np.array([u(0.3, 0.7), u(0.3, 0.7)])  # of the slack that lies left of, and below, what is in view
+    share = np.array([u(0.3, 0.7), u(0.3, 0.7)])  # of the slack that is left of the motion, and below it
     share[axis] = u(0.15, 0.7) if side in ("left", "bottom") else 1.0 - u(0.15, 0.7)
     corner = low - slack * share
     middle = corner + pixels * scale / 2

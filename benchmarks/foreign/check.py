@@ -1,4 +1,4 @@
-"""MuJoCo's cable against the exact elastica, and its contact force against what the clamp feels."""
+"""MuJoCo's cable against the exact elastica, and its contact force against the reaction of the clamp."""
 
 import math
 from pathlib import Path
@@ -51,7 +51,7 @@ def check(output: Path | None) -> None:
         shapes.plot(*exact.T, color="0.7", lw=4)
         shapes.plot(*line.T, "k.", ms=3)
     shapes.set(xlabel="x / L", ylabel="y / L", title="cable (points), elastica (line)", aspect="equal")
-    print("pressed by a wall of 120 N/m: contact force and what the clamp feels, mN")
+    print("pressed by a wall of 120 N/m: contact force and reaction of the clamp, mN")
     tissue = Tissue(120.0, "linear", 0.2, math.radians(250.0), 0.03)
     world = CableWorld(Rod(), tissue)
     world.advance(SETTLED_S, curvature_per_m=5.0, wall_m=np.array([1.0, 0.0, 0.0]))

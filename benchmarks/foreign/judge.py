@@ -1,4 +1,4 @@
-"""Errors of models and of the detection on the foreign sessions, against the truth that lies beside them."""
+"""Errors of models and of the detection on the foreign sessions, against the truth that is stored beside them."""
 
 import json
 import tempfile
@@ -33,7 +33,7 @@ HALVES = ("svr:half", "constant:half")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """Of one session's m frames: stamps (m,), force (m, 3) and centreline (m, p, 2)."""
+    """Truth of the m frames of one session: stamps (m,), force (m, 3) and centreline (m, p, 2)."""
 
     stamp_ns: IntArray
     force_n: FloatArray
@@ -41,7 +41,7 @@ class Truth:
 
     @classmethod
     def of(cls, recording: Path) -> "Truth":
-        """What was written beside ``recording``."""
+        """Reads the truth that is stored beside ``recording``."""
         with np.load(recording.with_suffix(".truth.npz")) as found:
             return cls(found["stamp_ns"], found["force_n"], found["line_px"])
 

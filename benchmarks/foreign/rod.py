@@ -71,12 +71,12 @@ class Tissue:
 
     @property
     def rotation(self) -> FloatArray:
-        """(3, 3): columns are normal, across, and what is square to both."""
+        """(3, 3): columns are normal, across, and the direction perpendicular to both."""
         return np.column_stack([self.normal, self.across, np.cross(self.normal, self.across)])
 
 
 class CableWorld:
-    """One catheter and, if given, one wall; `advance` steps time and the properties tell what MuJoCo computed."""
+    """One catheter and, if given, one wall; `advance` steps time and the properties return the results of MuJoCo."""
 
     def __init__(self, rod: Rod, tissue: Tissue | None = None) -> None:
         self._mujoco = mujoco = _mujoco_with_cable()
@@ -101,7 +101,7 @@ class CableWorld:
         wall_m: FloatArray | None = None,
         base_x_m: float = 0.0,
     ) -> None:
-        """Steps the time on. ``wall_m`` (3,): where the middle of the undented face stands.
+        """Steps the time on. ``wall_m`` (3,): position of the middle of the undeformed face.
 
         A steerable catheter is bent by a moment that its pull wire exerts at the tip, against its base.
         """
@@ -131,13 +131,13 @@ class CableWorld:
         return tissue.stiffness_n_per_m * (LAWS[tissue.law](depth) + LOSS_TIME_S * speed)
 
     @property
-    def dent_m(self) -> float:
-        """How deep the tissue is dented."""
+    def indentation_m(self) -> float:
+        """Depth of the indentation of the tissue."""
         return max(0.0, -float(self.data.qpos[-1]))
 
     @property
     def wall_m(self) -> FloatArray:
-        """(3,): middle of the undented face."""
+        """(3,): middle of the undeformed face."""
         return self.data.mocap_pos[self._carrier].copy()
 
     @property
@@ -152,7 +152,7 @@ class CableWorld:
 
     @property
     def base_reaction_n(self) -> FloatArray:
-        """(3,): of the shaft on its clamp, base frame: what a second sensor would read there."""
+        """(3,): of the shaft on its clamp, base frame: the reading of a second sensor there."""
         self._mujoco.mj_rnePostConstraint(self.model, self.data)
         return -self.data.sensor("clamp").data.copy()
 
@@ -180,7 +180,7 @@ def _mujoco_with_cable() -> Any:
 
 
 def _mjcf(rod: Rod, tissue: Tissue | None) -> str:
-    """Joints lie at h/2, 3h/2, ... from the clamp, each in the middle of the length h that the plugin counts for it."""
+    """Joints are at h/2, 3h/2, ... from the clamp, each in the middle of the length h that the plugin counts for it."""
     h, r = rod.length_m / ELEMENTS, rod.radius_m
     modulus = 4.0 * rod.stiffness_nm2 / (math.pi * r**4)
     spring = rod.stiffness_nm2 / h

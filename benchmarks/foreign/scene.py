@@ -1,6 +1,6 @@
-"""What the camera sees, path-traced by Mitsuba 3: catheter, sheath, tissue, ground, light and things that lie about.
+"""The scene of the camera, path-traced by Mitsuba 3: catheter, sheath, tissue, ground, light and clutter.
 
-Mitsuba's world = base frame in millimetres. What moves is a mesh whose vertices are set anew for every frame.
+Mitsuba's world = base frame in millimetres. Moving objects are meshes whose vertices are set again for every frame.
 """
 
 import math
@@ -58,7 +58,7 @@ def _grid_faces(rows: int, columns: int, closed: bool) -> IntArray:
 
 GROUNDS = (cloth, paper, wood, brushed, mottled)
 MORE_ON_METAL = 3
-"""Paths over brushed metal, over those elsewhere: what is lit shows in it, and few paths find that."""
+"""Ratio of the paths on brushed metal to those elsewhere: metal reflects lit objects, and few paths find them."""
 SHEATH_SHARE = 0.75
 AROUND, PIECE_ROWS, DOME_ROWS = 20, 90, 14
 """Vertices around a tube, along each piece of the catheter, along the dome of its tip."""
@@ -184,7 +184,7 @@ class Scene:
         return _tube(points, along / np.linalg.norm(along, axis=1, keepdims=True), radii, AROUND)
 
     def _draw_tissue(self) -> dict[str, Any]:
-        """A block with a rounded upper edge: (profile, along) grids of how deep each vertex lies and how high."""
+        """A block with a rounded upper edge: (profile, along) grids of the depth and the height of each vertex."""
         rng = self._rng
         top, deep, half = rng.uniform(1.0, 3.5), rng.uniform(6.0, 16.0), rng.uniform(9.0, 18.0)
         edge = rng.uniform(0.4, 1.2)
@@ -302,7 +302,7 @@ class Scene:
         return (camera.centre + reach * camera.away)[:2].tolist()
 
     def _lights(self) -> dict[str, Any]:
-        """A dim room with some windows, seen in what shines, and a lamp beside the camera."""
+        """A dim room with some windows, visible in shiny objects, and a lamp beside the camera."""
         mi, rng = self._mi, self._rng
         room = np.full((64, 128, 3), 0.25, np.float32) * np.linspace(1.3, 0.4, 64, dtype=np.float32)[:, None, None]
         for _ in range(int(rng.integers(2, 6))):

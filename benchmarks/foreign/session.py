@@ -1,4 +1,4 @@
-"""One session of the foreign bench: what is drawn for it, its physics, and the files that a laboratory would have."""
+"""One session of the foreign bench: its random parameters, its physics, and the files that a laboratory would have."""
 
 import csv
 import json
@@ -52,7 +52,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Everything of one session that physics needs, and what the laboratory's notes say about it."""
+    """Parameters of the physics of one session, and the values in the notes of the laboratory."""
 
     seed: int
     rod: Rod
@@ -69,10 +69,11 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """What MuJoCo computed, every 2 ms (n rows), and the instants of the frames (m,).
+    """Results of MuJoCo, every 2 ms (n rows), and the instants of the frames (m,).
 
     ``force_n`` (n, 3): of the tissue on the tip; ``line_m`` (n, p, 3): clamp to tip; ``wall_m`` (n, 3): middle of the
-    undented face; ``dent_m`` (n,); ``knob_deg``, ``advance_m``, ``forward_m``, ``across_m`` (n,): of the drives.
+    undeformed face; ``dent_m`` (n,): indentation; ``knob_deg``, ``advance_m``, ``forward_m``, ``across_m`` (n,): of the
+    drives.
     """
 
     time_s: FloatArray
@@ -185,7 +186,7 @@ def _depth_for(plan: Plan, curvature_per_m: float) -> tuple[FloatArray, float]:
 
 
 def simulate(plan: Plan, seconds: float, shortened: float = 1.0) -> Run:
-    """Runs the session in MuJoCo. ``shortened``: how far the tissue goes, over what its peak force asks for."""
+    """Runs the session in MuJoCo. ``shortened``: ratio of the motion of the tissue to that of its peak force."""
     rng = np.random.default_rng((plan.seed, 2))
     motion, tissue = plan.motion, plan.tissue
     time_s = np.arange(0.0, seconds, CONTROL_S)
@@ -211,7 +212,7 @@ def simulate(plan: Plan, seconds: float, shortened: float = 1.0) -> Run:
         rows["force_n"].append(world.tip_force_n)
         rows["line_m"].append(_smooth(world.joints_m))
         rows["wall_m"].append(wall)
-        rows["dent_m"].append(world.dent_m)
+        rows["dent_m"].append(world.indentation_m)
     frame_s = np.arange(0.1, seconds - 0.1, 1.0 / FRAME_HZ)
     frame_s = (frame_s + rng.normal(0.0, 1e-3, len(frame_s)))[rng.uniform(size=len(frame_s)) > 0.005]
     series = {name: np.asarray(values) for name, values in rows.items()}
@@ -256,7 +257,7 @@ def write_logs(plan: Plan, run: Run, folder: Path) -> None:
 
 
 def write_bench(plan: Plan, folder: Path, metres_per_px: float, base_side: str) -> None:
-    """Writes ``bench.toml``: what the laboratory knows, with its errors."""
+    """Writes ``bench.toml``: the values that the laboratory knows, with their errors."""
     lines = ["simulated = true", "", "[catheter]", *(f"{name} = {value:.6g}" for name, value in plan.stated.items())]
     lines += ["", "[views.camera]", f"metres_per_px = {metres_per_px:.6g}", f'base_side = "{base_side}"']
     lines += ["", "[sensor]", f"angle_deg = {plan.sensor_angle_deg:.6g}", 'reads = "tip-on-tissue"']
@@ -267,7 +268,7 @@ def write_bench(plan: Plan, folder: Path, metres_per_px: float, base_side: str) 
 
 
 def write_truth(plan: Plan, run: Run, line_px: FloatArray, path: Path) -> None:
-    """Writes what only the judge may open: force, centreline in pixels (m, p, 2) and metres, and what was drawn."""
+    """Writes the truth for the judge alone: force, centreline in pixels (m, p, 2) and metres, random parameters."""
     np.savez_compressed(
         path,
         stamp_ns=frame_stamps(run),

@@ -101,6 +101,11 @@ def test_the_source_uses_plain_english() -> None:
     assert not fewer, f"lower REMAINING to {fewer}"
 
 
+def test_the_benchmarks_and_scripts_use_plain_english() -> None:
+    found = [line for path in _files([ROOT / f for f in ("bench", "benchmarks", "scripts")]) for line in findings(path)]
+    assert not found, found[:10]
+
+
 def test_the_documents_use_plain_english() -> None:
     pages = [*_files([ROOT / "docs"]), *(ROOT / f for f in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md"))]
     found = [line for page in pages for line in findings(page)]
