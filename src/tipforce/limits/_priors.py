@@ -67,21 +67,21 @@ def unknown_parameters(settings: SimulationSettings, parameters: SessionParamete
     low, high = wall.friction
     drag = math.sqrt((low * low + low * high + high * high) / 3)  # root mean square of the uniform draw
     tilt = _std((math.radians(wall.tilt_deg[0]), math.radians(wall.tilt_deg[1])))
-    degree, ever, anew = math.radians(1.0), math.inf, 0.0
+    degree, constant, independent = math.radians(1.0), math.inf, 0.0  # the last two: correlation times
 
     def uniform(bounds: tuple[float, float], unit: str = "") -> str:
         return f"U({bounds[0]:g}, {bounds[1]:g}){unit and ' '}{unit}"
 
     off = f"metadata within {100 * shaft.known_to:g} %"
     return (
-        Parameter("force along the base tangent", "force", BROAD_FORCE_STD_N, "N", anew, "broad"),
-        Parameter("force across it in the image", "force", BROAD_FORCE_STD_N, "N", anew, "broad"),
+        Parameter("force along the base tangent", "force", BROAD_FORCE_STD_N, "N", independent, "broad"),
+        Parameter("force across it in the image", "force", BROAD_FORCE_STD_N, "N", independent, "broad"),
         Parameter(
             "force in depth",
             "depth",
             BROAD_FORCE_STD_N * tilt,
             "N",
-            anew,
+            independent,
             f"wall's tilt {uniform(wall.tilt_deg, 'deg')}",
         ),
         Parameter(
@@ -89,7 +89,7 @@ def unknown_parameters(settings: SimulationSettings, parameters: SessionParamete
             "touch",
             0.5 * drag * device.diameter_m,
             "m",
-            ever,
+            constant,
             f"dome's radius x friction {uniform(wall.friction)}; the wall's normal stays",
         ),
         Parameter(
@@ -97,16 +97,18 @@ def unknown_parameters(settings: SimulationSettings, parameters: SessionParamete
             "stiffness",
             firm,
             "1",
-            ever,
+            constant,
             off if stiffness is None else f"{uniform(shaft.stiffness_nm2)} N m^2, nominal {stiffness:g}",
         ),
-        Parameter("proximal stiffening", "stiffness profile", shaft.proximal_stiffer, "1", ever, "not in the metadata"),
+        Parameter(
+            "proximal stiffening", "stiffness profile", shaft.proximal_stiffer, "1", constant, "not in the metadata"
+        ),
         Parameter(
             "creep, relative",
             "creep",
             1.0,
             "1",
-            ever,
+            constant,
             f"not in the metadata; {100 * shaft.creep_share:g} %, {shaft.creep_s:g} s",
         ),
         Parameter(
@@ -114,17 +116,17 @@ def unknown_parameters(settings: SimulationSettings, parameters: SessionParamete
             "length",
             long,
             "m",
-            ever,
+            constant,
             off if shaft.nominal_flexible_length_m is None else f"{uniform(shaft.flexible_length_m)} m",
         ),
-        Parameter("knob factor", "knob", _std(actuation.factor), "1", ever, uniform(actuation.factor)),
+        Parameter("knob factor", "knob", _std(actuation.factor), "1", constant, uniform(actuation.factor)),
         Parameter("knob drift", "knob", actuation.drift_rms, "1", actuation.drift_s, "Gauss-Markov"),
         Parameter(
             "place in the backlash",
             "knob",
             actuation.play_deg / math.sqrt(12),
             "deg",
-            ever,
+            constant,
             f"within {actuation.play_deg:g} degrees, until the knob has crossed it",
         ),
         Parameter(
@@ -132,39 +134,46 @@ def unknown_parameters(settings: SimulationSettings, parameters: SessionParamete
             "depth",
             _std(shaft.out_of_plane_per_m),
             "1/m",
-            ever,
+            constant,
             uniform(shaft.out_of_plane_per_m, "1/m"),
         ),
-        Parameter("base, right", "base", _std(scene.base_shift_m), "m", ever, uniform(scene.base_shift_m, "m")),
-        Parameter("base, down", "base", _std(scene.base_shift_m), "m", ever, uniform(scene.base_shift_m, "m")),
+        Parameter("base, right", "base", _std(scene.base_shift_m), "m", constant, uniform(scene.base_shift_m, "m")),
+        Parameter("base, down", "base", _std(scene.base_shift_m), "m", constant, uniform(scene.base_shift_m, "m")),
         Parameter(
-            "base, turn", "base", degree * _std(scene.base_turn_deg), "rad", ever, uniform(scene.base_turn_deg, "deg")
+            "base, turn",
+            "base",
+            degree * _std(scene.base_turn_deg),
+            "rad",
+            constant,
+            uniform(scene.base_turn_deg, "deg"),
         ),
-        Parameter("camera, yaw", "camera", degree * _std(scene.yaw_deg), "rad", ever, uniform(scene.yaw_deg, "deg")),
         Parameter(
-            "camera, pitch", "camera", degree * _std(scene.pitch_deg), "rad", ever, uniform(scene.pitch_deg, "deg")
+            "camera, yaw", "camera", degree * _std(scene.yaw_deg), "rad", constant, uniform(scene.yaw_deg, "deg")
+        ),
+        Parameter(
+            "camera, pitch", "camera", degree * _std(scene.pitch_deg), "rad", constant, uniform(scene.pitch_deg, "deg")
         ),
         Parameter(
             "camera, distance",
             "camera",
             _std(scene.camera_distance_m),
             "m",
-            ever,
+            constant,
             uniform(scene.camera_distance_m, "m"),
         ),
-        Parameter("lens, k1", "camera", _std(scene.distortion_k1), "1", ever, uniform(scene.distortion_k1)),
+        Parameter("lens, k1", "camera", _std(scene.distortion_k1), "1", constant, uniform(scene.distortion_k1)),
         Parameter(
-            "lens, p1", "camera", _std(scene.distortion_tangential), "1", ever, uniform(scene.distortion_tangential)
+            "lens, p1", "camera", _std(scene.distortion_tangential), "1", constant, uniform(scene.distortion_tangential)
         ),
         Parameter(
-            "lens, p2", "camera", _std(scene.distortion_tangential), "1", ever, uniform(scene.distortion_tangential)
+            "lens, p2", "camera", _std(scene.distortion_tangential), "1", constant, uniform(scene.distortion_tangential)
         ),
         Parameter(
             "scale",
             "scale",
             2 * settings.scale_error / math.sqrt(12),
             "1",
-            ever,
+            constant,
             f"measured within {100 * settings.scale_error:g} %",
         ),
     )
@@ -194,10 +203,10 @@ class IndentationReading:
 
     def parameters(self) -> tuple[Parameter, Parameter]:
         """Returns the unknown parameters of the tissue."""
-        ever = math.inf
+        constant = math.inf
         return (
-            Parameter("stiffness of the tissue, relative", "tissue", self.log_stiffness_std, "1", ever, "prior"),
-            Parameter("place of the tissue's face", "face", self.face_m, "m", ever, "as it is seen"),
+            Parameter("stiffness of the tissue, relative", "tissue", self.log_stiffness_std, "1", constant, "prior"),
+            Parameter("place of the tissue's face", "face", self.face_m, "m", constant, "accuracy of the reading"),
         )
 
 
