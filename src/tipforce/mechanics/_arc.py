@@ -1,4 +1,4 @@
-"""Along a rod: what belongs to each segment and joint, and places by their arc length."""
+"""Segments, joints and arc lengths of a rod."""
 
 import numpy as np
 
@@ -6,23 +6,39 @@ from ..types import FloatArray
 
 
 def element_lengths_m(flexible_length_m: float, rigid_length_m: float, segments: int) -> FloatArray:
-    """(segments + 1,): of the segments, then of the electrode."""
+    """Returns the lengths (segments + 1,) of the segments, then of the electrode.
+
+    Args:
+        flexible_length_m: length of the shaft.
+        rigid_length_m: length of the electrode.
+        segments: number of segments of the shaft.
+    """
     lengths = np.full(segments + 1, flexible_length_m / segments)
     lengths[-1] = rigid_length_m
     return lengths
 
 
 def joint_spans_m(flexible_length_m: float, segments: int) -> FloatArray:
-    """(segments + 1,): length of shaft that belongs to each joint; half a segment at both ends."""
+    """Returns the length of shaft (segments + 1,) that belongs to each joint: half a segment at both ends.
+
+    Args:
+        flexible_length_m: length of the shaft.
+        segments: number of its segments.
+    """
     spans = np.full(segments + 1, flexible_length_m / segments)
     spans[[0, -1]] /= 2
     return spans
 
 
 def arc_m(element_lengths_m: FloatArray, points: int | FloatArray) -> FloatArray:
-    """Arc lengths from the base: ``points`` of them, uniform and both ends included, or those that are given.
+    """Returns arc lengths (points,) from the base.
 
-    Raises ValueError where one lies beyond the rod.
+    Args:
+        element_lengths_m: lengths of the segments and of the electrode.
+        points: number of arc lengths, uniform and with both ends; or the arc lengths themselves.
+
+    Raises:
+        ValueError: an arc length is outside the rod.
     """
     length = float(element_lengths_m.sum())
     if isinstance(points, int):
@@ -34,6 +50,6 @@ def arc_m(element_lengths_m: FloatArray, points: int | FloatArray) -> FloatArray
 
 
 def way_m(element_lengths_m: FloatArray, arc: FloatArray) -> FloatArray:
-    """(points,) arc lengths -> (points, segments + 1): how far each element is walked from the base to there."""
+    """Returns the length (points, segments + 1) of each element from the base to the arc lengths ``arc`` (points,)."""
     begins = np.cumsum(element_lengths_m) - element_lengths_m
     return np.clip(arc[:, None] - begins, 0.0, element_lengths_m)

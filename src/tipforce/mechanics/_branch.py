@@ -1,14 +1,14 @@
-"""On which branch of equilibria a shape lies, in the plane and in space."""
+"""The branch of equilibria to which a shape belongs, in the plane and in space."""
 
 from enum import IntEnum
 
 
 class Branch(IntEnum):
-    """How a shape hangs together with the unloaded one. Above the buckling load one load has several equilibria."""
+    """How a shape is connected with the unloaded one. Above the buckling load one load has several equilibria."""
 
     UNLOADED = 0
     """Reached from the unloaded shape by raising all loads together, without a jump."""
     FALLEN = 1
-    """That way ends at a fold before the whole load is on; the rod fell from there on to this shape."""
+    """This path ends at a fold before the whole load is applied; the rod jumped from there to this shape."""
     GIVEN = 2
-    """Reached from a given start, next to which it lies; which branch that is was not looked at."""
+    """Reached from a given start; it is the equilibrium next to that start. Its branch was not determined."""

@@ -1,4 +1,4 @@
-"""How the heart's wall moves: waveforms over a cycle, from -1 to 1, and what a stage is told to move like it."""
+"""Motion of the heart's wall: waveforms over a cycle, from -1 to 1, and the commands of a stage for this motion."""
 
 import math
 from collections.abc import Callable
@@ -11,13 +11,13 @@ from ..types import STAGE_ACROSS, STAGE_FORWARD, FloatArray
 
 Wave = Callable[[FloatArray], FloatArray]
 
-# Centre and width in degrees of the cycle, and height: what is left of P, R and T when only the half-waves above the
-# base line are moved, widened to what a stage on a spindle can follow.
+# Centre and width in degrees of the cycle, and height, of P, R and T: only the half-waves above the base line, made so
+# wide that a stage on a spindle can follow.
 _BUMPS = ((-110.0, 34.0, 0.20), (0.0, 40.0, 1.0), (125.0, 42.0, 0.35))
 
 
 def sine(cycles: FloatArray) -> FloatArray:
-    """(n,) time in cycles -> (n,)."""
+    """Returns a sine (n,) for times (n,) in cycles."""
     return np.sin(2 * np.pi * cycles)
 
 
@@ -36,7 +36,7 @@ def _span() -> tuple[float, float]:
 
 
 def half_wave(cycles: FloatArray) -> FloatArray:
-    """(n,) time in cycles -> (n,): the half-waves of a PQRST course that lie above its base line (thesis fig. 20b).
+    """Returns the half-waves above the base line of a PQRST curve (thesis fig. 20b), (n,), for times (n,) in cycles.
 
     >>> bool(half_wave(np.zeros(1))[0] > 0.999)
     True
@@ -50,11 +50,18 @@ HEART_WAVES: dict[str, Wave] = {"sine": sine, "half-wave PQRST": half_wave}
 
 @dataclass(frozen=True, slots=True)
 class HeartMotion:
-    """Beat forward and lateral, as of the thesis's heart simulator (fig. 20), and respiration: for any `Actuators`.
+    """Heart beat, forward and lateral, as in the thesis's heart simulator (fig. 20), and respiration; for `Actuators`.
 
-    ``wave``: one of `HEART_WAVES`. ``amplitude_m``: forward, half of peak to peak; the lateral one is
-    ``lateral_share`` of it and ``lateral_phase_rad`` ahead. Respiration moves forward, as a sine of ``respiration_m``.
-    ``standoff_m``: how far back from the stage's zero all of it happens. Raises ValueError for another wave.
+    Attributes:
+        amplitude_m: forward amplitude, half of peak to peak.
+        beat_hz: frequency of the beat.
+        wave: one of `HEART_WAVES`; another one raises ValueError.
+        lateral_share: ratio of the lateral amplitude to the forward one.
+        lateral_phase_rad: phase by which the lateral motion is ahead.
+        respiration_m: amplitude of the respiration, a sine in forward direction.
+        respiration_hz: its frequency.
+        respiration_phase_rad: its phase.
+        standoff_m: distance by which the whole motion is set back from the stage's zero.
 
     >>> HeartMotion(5e-3, beat_hz=1.2, lateral_share=0.5).command(1 / 4.8)
     {'stage_forward_mm': 5.0, 'stage_across_mm': 2.5}
@@ -75,20 +82,20 @@ class HeartMotion:
             raise ValueError(f"wave: expected one of {', '.join(HEART_WAVES)}, got {self.wave}")
 
     def forward(self, time_s: FloatArray) -> FloatArray:
-        """(n,) s -> (n,): the beat forward, over the amplitude."""
+        """Returns the forward beat (n,) at times (n,) in s, divided by the amplitude."""
         return HEART_WAVES[self.wave](self.beat_hz * time_s)
 
     def lateral(self, time_s: FloatArray) -> FloatArray:
-        """(n,) s -> (n,): the beat to the side, over the amplitude."""
+        """Returns the lateral beat (n,) at times (n,) in s, divided by the forward amplitude."""
         turned = self.lateral_phase_rad / (2 * math.pi)
         return self.lateral_share * HEART_WAVES[self.wave](self.beat_hz * time_s + turned)
 
     def respiration(self, time_s: FloatArray) -> FloatArray:
-        """(n,) s -> (n,): how far forward breathing moves the wall, in m."""
+        """Returns the forward motion (n,) by respiration at times (n,) in s, in m."""
         return self.respiration_m * np.sin(2 * math.pi * self.respiration_hz * time_s + self.respiration_phase_rad)
 
     def command(self, time_s: float) -> dict[str, float]:
-        """Where a stage should be ``time_s`` after the motion began: to be given to it again and again."""
+        """Returns the command of a stage ``time_s`` after the start of the motion; it is sent repeatedly."""
         now = np.array([time_s])
         forward = self.amplitude_m * self.forward(now) + self.respiration(now) - self.standoff_m
         across = self.amplitude_m * self.lateral(now)

@@ -13,12 +13,13 @@ from ..types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class LineNoise:
-    """Error of a line that is seen as a whole: only its displacement across itself shows, and where it ends.
+    """Error of a detected line: its displacement across itself, and the position of its end along itself.
 
     Across the line, at the arc length s of a length L, the standard deviation is the root of ``std_m``^2 +
     ``base_std_m``^2 exp(-s / ``base_m``) + ``tip_std_m``^2 exp(-(L - s) / ``tip_m``). Of the variance,
     ``white_share`` is independent from point to point, ``common_share`` the same all along, and the rest correlated
-    as exp(-distance^2 / (2 ``correlation_m``^2)). ``along_std_m``: of the tip's place along the line.
+    as exp(-distance^2 / (2 ``correlation_m``^2)). ``along_std_m``: standard deviation of the tip's position along the
+    line.
     """
 
     std_m: float
@@ -39,19 +40,19 @@ class LineNoise:
             raise ValueError(f"expected positive lengths and white_share, shares that add to 1 at most, got {self}")
 
     def std_at_m(self, arc_m: FloatArray) -> FloatArray:
-        """(points,): standard deviation across the line; the first and last of ``arc_m`` (points,) are its ends."""
+        """Returns the standard deviation (points,) across the line, which begins and ends with ``arc_m`` (points,)."""
         from_base, from_tip = arc_m - arc_m[0], arc_m[-1] - arc_m
         base = self.base_std_m**2 * np.exp(-from_base / self.base_m)
         return np.sqrt(self.std_m**2 + base + self.tip_std_m**2 * np.exp(-from_tip / self.tip_m))
 
     def correlation(self, arc_m: FloatArray) -> FloatArray:
-        """(points, points): of the errors across the line."""
+        """Returns the correlation (points, points) of the errors across the line at ``arc_m`` (points,)."""
         near = np.exp(-0.5 * ((arc_m[:, None] - arc_m) / self.correlation_m) ** 2)
         rest = 1.0 - self.white_share - self.common_share
         return self.white_share * np.eye(arc_m.size) + self.common_share + rest * near
 
     def covariance_m2(self, arc_m: FloatArray) -> FloatArray:
-        """(points + 1, points + 1): across the line at each point, then along it at the tip."""
+        """Returns the covariance (points + 1, points + 1): across the line at each point, then along it at the tip."""
         std, size = self.std_at_m(arc_m), arc_m.size
         out = np.zeros((size + 1, size + 1))
         out[:size, :size] = np.outer(std, std) * self.correlation(arc_m)
@@ -60,9 +61,13 @@ class LineNoise:
 
     @classmethod
     def fit(cls, covariance_m2: FloatArray, arc_m: FloatArray) -> Self:
-        """The noise whose covariance is nearest to a measured one, of the form of `covariance_m2`.
+        """Returns the noise whose covariance is nearest to a measured one.
 
-        First the standard deviations by their logarithms, then the correlations, both by least squares.
+        First the standard deviations are fitted by their logarithms, then the correlations, both by least squares.
+
+        Args:
+            covariance_m2: (points + 1, points + 1) in the form of `covariance_m2`.
+            arc_m: (points,) arc lengths.
         """
         size = arc_m.size
         std = np.sqrt(np.diag(covariance_m2))
@@ -92,7 +97,7 @@ class LineNoise:
         return cls(shaft, correlation, along, base, base_m, tip, tip_m, white, common)
 
     def scaled(self, factor: float) -> Self:
-        """The same noise with all lengths times ``factor``: from pixels to metres, for instance.
+        """Returns the same noise with all lengths multiplied by ``factor``, for instance from pixels to metres.
 
         >>> LineNoise(0.03, 20.0, 0.5).scaled(2e-4).correlation_m
         0.004

@@ -1,4 +1,4 @@
-"""Play (backlash) between the knob and the curvature: it depends on the inputs before, not on their speed."""
+"""Play (backlash) between the knob and the curvature: it depends on the earlier inputs, not on their speed."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Posterior covariance of unknowns that are seen linearly: the Bayesian Cramer-Rao bound, instant by instant."""
+"""Posterior covariance of unknowns that are measured linearly: the Bayesian Cramer-Rao bound at each instant."""
 
 import math
 
@@ -7,46 +7,66 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from ..types import FloatArray, frozen
 
-_CHUNK = 256
+_CHUNK_INSTANTS = 256
 
 
 def posterior_covariance(slopes: FloatArray, prior: FloatArray, wanted: int) -> FloatArray:
-    """(m, wanted, wanted): covariance of the first ``wanted`` unknowns, each instant on its own.
+    """Returns the covariance of the first ``wanted`` unknowns at each of m instants, independently of the others.
 
-    ``slopes`` (m, rows, unknowns): of what is seen, divided by its noise, so that every row has an independent error
-    of standard deviation 1. ``prior`` (unknowns, unknowns): covariance of what is known beforehand. The result is the
-    inverse of information = slopes' slopes + inverse of the prior (van Trees 1968): exact for Gaussian unknowns that
-    are seen linearly, and for others the bound of whoever knows the point at which the slopes were taken.
+    The result is the inverse of information = slopes' slopes + inverse of the prior (van Trees 1968). It is exact for
+    Gaussian unknowns that are measured linearly; for others it is the bound of an estimator that knows the point at
+    which the slopes were computed.
 
-    Raises ValueError where ``prior`` is not positive definite.
+    Args:
+        slopes: (m, rows, unknowns) derivatives of the measurements, divided by their noise, so that every row has an
+            independent error of standard deviation 1.
+        prior: (unknowns, unknowns) covariance before the measurement.
+        wanted: number of unknowns in the result.
+
+    Returns:
+        (m, wanted, wanted) covariances.
+
+    Raises:
+        ValueError: ``prior`` is not positive definite.
 
     >>> slopes = np.array([[[3.0, 0.0]], [[0.0, 0.0]]])
-    >>> posterior_covariance(slopes, np.eye(2), 1).ravel()  # 1 / (9 + 1), and what was known before
+    >>> posterior_covariance(slopes, np.eye(2), 1).ravel()  # 1 / (9 + 1), and the prior
     array([0.1, 1. ])
     """
     slopes = np.asarray(slopes, np.float64)
     root = _root(frozen("prior", prior, (slopes.shape[2], slopes.shape[2])))
     out = np.empty((len(slopes), wanted, wanted))
-    for begin in range(0, len(slopes), _CHUNK):
-        part = slopes[begin : begin + _CHUNK] @ root
+    for begin in range(0, len(slopes), _CHUNK_INSTANTS):
+        part = slopes[begin : begin + _CHUNK_INSTANTS] @ root
         inside = np.swapaxes(part, 1, 2) @ part + np.eye(root.shape[1])
         rows = np.broadcast_to(root[:wanted].T, (len(part), root.shape[1], wanted))
         half = np.linalg.solve(np.linalg.cholesky(inside), rows)
-        out[begin : begin + _CHUNK] = np.swapaxes(half, 1, 2) @ half
+        out[begin : begin + _CHUNK_INSTANTS] = np.swapaxes(half, 1, 2) @ half
     return out
 
 
 def posterior_covariance_along(
     slopes: FloatArray, prior: FloatArray, wanted: int, time_s: FloatArray, memory_s: FloatArray
 ) -> FloatArray:
-    """(m, wanted, wanted): as `posterior_covariance`, with all that was seen until each of the instants ``time_s``.
+    """Returns the covariance of the first ``wanted`` unknowns from all measurements up to each instant.
 
-    ``memory_s`` (unknowns,): infinite: the same for good; 0: drawn anew at each instant; else a stationary
-    Gauss-Markov course (Ornstein-Uhlenbeck) with this correlation time. The recursion of Tichavsky, Muravchik and
-    Nehorai (1998): what is behind is eliminated as soon as it is passed, so that an instant costs the same however
-    many came before. Unknowns that are correlated beforehand must share their memory.
+    It is the recursion of Tichavsky, Muravchik and Nehorai (1998): past unknowns are eliminated immediately, so that
+    the cost of an instant does not depend on the number of earlier ones. Unknowns with correlated priors must have the
+    same memory.
 
-    Raises ValueError where ``prior`` is not positive definite.
+    Args:
+        slopes: (m, rows, unknowns), see `posterior_covariance`.
+        prior: (unknowns, unknowns) covariance before the measurement.
+        wanted: number of unknowns in the result.
+        time_s: (m,) instants.
+        memory_s: (unknowns,) correlation time of each unknown, a stationary Gauss-Markov process (Ornstein-Uhlenbeck).
+            Infinite: it is constant; 0: it is drawn anew at each instant.
+
+    Returns:
+        (m, wanted, wanted) covariances.
+
+    Raises:
+        ValueError: ``prior`` is not positive definite.
 
     >>> same = posterior_covariance_along(np.ones((3, 1, 1)), np.eye(1), 1, np.arange(3.0), np.array([np.inf]))
     >>> (1 / same).ravel().round(9)  # information adds up
@@ -73,16 +93,16 @@ def posterior_covariance_along(
 
 
 def _kept(step_s: float, memory_s: float) -> float:
-    """Share of an unknown's deviation that is left after ``step_s``."""
+    """Returns the share of an unknown's deviation that remains after ``step_s``."""
     return math.exp(-step_s / memory_s) if memory_s > 0 else 0.0
 
 
 def _root(covariance: FloatArray) -> FloatArray:
-    """Lower triangular, times its transpose the covariance."""
-    # Scaled to one on the diagonal: the unknowns' units lie ten powers of ten apart.
+    """Returns the lower triangular matrix whose product with its transpose is the covariance."""
+    # Scaled to one on the diagonal: the units of the unknowns differ by ten powers of ten.
     size = np.sqrt(np.diag(covariance))
     if not (size > 0).all():
-        raise ValueError("every unknown needs a prior: a standard deviation above 0; leave out what is known exactly")
+        raise ValueError("every unknown needs a prior: a standard deviation above 0; leave out unknowns of exact value")
     try:
         return size[:, None] * cholesky(covariance / np.outer(size, size), lower=True, check_finite=False)
     except LinAlgError as error:

@@ -1,4 +1,4 @@
-"""The rod models that thesis chapter 2 and table 2 compare with, behind one interface, each with its known failures."""
+"""The rod models that thesis chapter 2 and table 2 compare, with one interface, each with its known failures."""
 
 from ._beams import LargeDeflection, LinearBeam
 from ._chain_models import ConstantCurvature, MassSpring, RigidLinks

@@ -61,13 +61,18 @@ class LinearBeam:
         object.__setattr__(self, "_compliance", frozen("compliance", compliance, (n + 2, 2, 3)))
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z; linear in both."""
+        """Returns the shape; it is linear in the load.
+
+        Args:
+            force_n: (2,) force on the tip, base frame.
+            moment_nm: moment about z.
+        """
         load = np.array([force_n[0], force_n[1], moment_nm])
         return PolylineShape(self._rest.arc_m, self._rest.nodes_m + self._compliance @ load, True)
 
 
 def _element(chord: FloatArray, ei: float, diameter_m: float) -> FloatArray:
-    """(6, 6) stiffness of a frame element along ``chord`` (2,) for x, y and angle of either end."""
+    """Returns the stiffness (6, 6) of a frame element along ``chord`` (2,) for x, y and angle of either end."""
     length = float(np.hypot(*chord))
     c, s = chord / length
     ea = 16 * ei / diameter_m**2
@@ -95,13 +100,13 @@ _MAX_JUMP = 0.7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LargeDeflection:
-    """Quasi-static Bernoulli-Euler beam, bent far, from its initial bend (Khoshnam et al.; thesis 2.3.2.3).
+    """Quasi-static Bernoulli-Euler beam with large deflection from its initial bend (Khoshnam et al.; thesis 2.3.2.3).
 
     Along the shaft: angle' = k_0 + M / EI and M' = F_x sin(angle) - F_y cos(angle), clamped at the base, with the tip
-    load's moment at its end. They measure one EI for each bend that the knob gives (4.3e-4 N m^2 slightly bent to
-    9.2e-4 strongly bent) and take it for the whole shaft: here it is the rod's law at the pre-curvature, the same
-    all along. Known failure: the stiffness does not follow the curvature from place to place, nor as the load
-    bends the shaft on; with constant stiffness it is the elastica.
+    load's moment at its end. Khoshnam et al. measure one EI for each bend of the knob (4.3e-4 N m^2 slightly bent to
+    9.2e-4 strongly bent) and use it for the whole shaft. Here it is the EI of the rod at its pre-curvature, the same
+    all along. Known failure: the stiffness does not change with the curvature along the shaft, nor when the load
+    bends the shaft further; with constant stiffness it is the elastica.
 
     Fourth-order Runge-Kutta with ``steps`` steps; the unknown moment at the base by Newton's method, its derivative
     carried along.
@@ -120,7 +125,12 @@ class LargeDeflection:
         object.__setattr__(self, "_stiffness_nm2", mean_stiffness(self.rod))
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
+        """Returns the shape.
+
+        Args:
+            force_n: (2,) force on the tip, base frame.
+            moment_nm: moment about z.
+        """
         rod = self.rod
         fx, fy = float(force_n[0]), float(force_n[1])
         nodes = np.zeros((self.steps + 2, 2))
@@ -147,7 +157,7 @@ def _shoot(
     at_base: float,
     nodes: FloatArray,
 ) -> tuple[float, float, float, float]:
-    """Integrate from the base moment ``at_base``: miss of the moment at the end, its slope, end angle, its slope."""
+    """Integrates from the base moment ``at_base``; returns error of the end moment, its slope, end angle, its slope."""
     fx, fy, moment = load
     steps = nodes.shape[0] - 2
     h = length / steps
@@ -193,7 +203,7 @@ def _solve(
     first_share: float,
     nodes: FloatArray,
 ) -> bool:
-    """Raise the load from nothing, as the chain does; the last shot's places stay in ``nodes``."""
+    """Raises the load from 0, as in `_solve_chain`; the positions of the last integration remain in ``nodes``."""
     at_base = share = angle = 0.0
     step = first_share
     _, _, angle, _ = _shoot(curvature, length, lever, ei, (0.0, 0.0, 0.0), 0.0, nodes)

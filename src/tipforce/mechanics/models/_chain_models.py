@@ -2,7 +2,7 @@
 
 Unknowns are the angles q_1 .. q_m; q_0 = 0 is the clamp. Between q_(i-1) and q_i acts a spring of span a_i with the
 moment EI (1 + (k / k_s)^2) (k - k_0), k = (q_i - q_(i-1)) / a_i. Either the shaft is straight links at the angles
-q_i, which may yield along themselves, or it is arcs that turn from q_(i-1) to q_i. The Hessian of the energy is
+q_i, which may stretch along themselves, or it is arcs that turn from q_(i-1) to q_i. The Hessian of the energy is
 tridiagonal for both, and Newton's method finds the equilibrium.
 """
 
@@ -19,17 +19,17 @@ from ._interface import CATHETER_7F_M, PolylineShape, first_share, mean_curvatur
 
 _MAX_ITERATIONS = 60
 _MAX_TURN = 0.4
-"""Largest change of an angle in one step, rad: keeps the iteration on the branch it comes from."""
+"""Largest change of an angle in one step, rad: the iteration then stays on its branch."""
 _MAX_JUMP = 0.7
-"""Largest change of an angle from one load to the next, rad; beyond, the load is raised in smaller steps."""
+"""Largest change of an angle from one load to the next, rad; for a larger one, the load is raised in smaller steps."""
 _TOLERANCE = 1e-11
 """Residual moment relative to the softest spring's moment for one radian."""
 
 
 class Chain(NamedTuple):
-    """All arrays (m,). ``link_m``, ``arc_m``: length of link i, of arc i, zero where there is none.
+    """All arrays (m,). ``link_m``, ``arc_m``: length of link i, of arc i, zero if there is none.
 
-    ``give_m_per_n``: lengthening of link i for each newton of pull along it. ``soft``: 1 / k_s^2.
+    ``give_m_per_n``: lengthening of link i per newton of pull along it. ``soft``: 1 / k_s^2.
     """
 
     span_m: FloatArray
@@ -43,7 +43,7 @@ class Chain(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _shrink(d: float) -> tuple[float, float, float]:
-    """Chord over length of an arc that turns by ``d``, with its first two derivatives."""
+    """Returns the ratio of chord to length of an arc that turns by ``d``, and its first two derivatives."""
     if abs(d) < 0.1:
         d2 = d * d
         return (
@@ -112,7 +112,7 @@ def _assemble(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, 
 
 @njit(cache=True, error_model="numpy")
 def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
-    """Solve (H + shift I) step = -gradient; False where that matrix is not positive definite."""
+    """Solves (H + shift I) step = -gradient; False if that matrix is not positive definite."""
     gradient, diagonal, upper, pivot = work[0], work[1], work[2], work[3]
     n = step.size
     for i in range(n):
@@ -132,7 +132,7 @@ def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def _relax(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, work: FloatArray) -> bool:
-    """Move ``q`` in place to the nearest equilibrium downhill; False where none was found. ``work`` (6, m)."""
+    """Moves ``q`` in place to the nearest equilibrium downhill; False if none was found. ``work`` (6, m)."""
     step, trial = work[4], work[5]
     spring = np.min(chain.stiffness_nm2 / chain.span_m)
     energy = _energy(q, chain, fx, fy, moment)
@@ -140,7 +140,7 @@ def _relax(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, wor
         residual = _assemble(q, chain, fx, fy, moment, work)
         definite = _newton_step(work, 0.0, step)
         if residual <= _TOLERANCE * spring:
-            if definite:  # what is left goes with one more step: smooth in the load down to rounding
+            if definite:  # one more step removes the rest: the result is smooth in the load down to rounding
                 q += step
             return True  # also where it is a saddle: a straight column above its buckling load stays straight
         shift = 1e-3 * spring
@@ -149,7 +149,7 @@ def _relax(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, wor
             shift *= 4.0
         scale = min(1.0, _MAX_TURN / np.max(np.abs(step)))
         descent = np.dot(work[0], step)
-        slack = 1e-14 * (abs(energy) + spring)  # close to the minimum the gain drowns in rounding
+        slack = 1e-14 * (abs(energy) + spring)  # close to the minimum the gain is smaller than rounding
         while True:
             trial[:] = q + scale * step
             tried = _energy(trial, chain, fx, fy, moment)
@@ -165,9 +165,9 @@ def _relax(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, wor
 
 @njit(cache=True, error_model="numpy")
 def _solve_chain(chain: Chain, fx: float, fy: float, moment: float, first_share: float, q: FloatArray) -> bool:
-    """Raise the load from nothing, so that ``q`` (m,) ends on the unloaded shape's branch; False: not converged.
+    """Raises the load from 0, so that ``q`` (m,) ends on the unloaded shape's branch; False: not converged.
 
-    ``first_share``: of the load, for the first step; steps are halved where they fail or jump.
+    ``first_share``: share of the load in the first step; steps are halved where they fail or jump.
     """
     work, saved = np.empty((6, q.size)), np.empty(q.size)
     q[:] = np.cumsum(chain.span_m * chain.precurvature_per_m)
@@ -187,7 +187,7 @@ def _solve_chain(chain: Chain, fx: float, fy: float, moment: float, first_share:
 def _solve_links(
     rod: PlanarRod, chain: Chain, clamped_m: float, force_n: FloatArray, moment_nm: float
 ) -> PolylineShape:
-    """Straight links behind a first one of ``clamped_m`` that stays along x."""
+    """Returns the shape of straight links behind a first one of ``clamped_m`` that stays along x."""
     fx, fy = float(force_n[0]), float(force_n[1])
     angles = np.empty(chain.span_m.size)
     converged = _solve_chain(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), angles)
@@ -203,10 +203,10 @@ def _solve_links(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidLinks:
-    """Multi-body model (thesis 2.3.2.1): ``joints`` hinges with torsion springs between rigid links, in its rest state.
+    """Multi-body model (thesis 2.3.2.1): rigid links and ``joints`` hinges with torsion springs, at rest.
 
     The finite segment method (Huston): the shaft is cut into equal pieces of length h, and each piece's flexibility
-    sits in one hinge at its middle, stiffness EI / h. The first half piece is clamped, the last one carries the
+    is in one hinge at its middle, stiffness EI / h. The first half piece is clamped, the last one carries the
     electrode. Known failure: too stiff and angular with few joints; deflection under a small load is
     1 - 1 / (4 joints^2) of the true one.
     """
@@ -234,18 +234,23 @@ class RigidLinks:
         object.__setattr__(self, "_chain", chain)
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
+        """Returns the shape.
+
+        Args:
+            force_n: (2,) force on the tip, base frame.
+            moment_nm: moment about z.
+        """
         return _solve_links(self.rod, self._chain, 0.5 * self._chain.span_m[0], force_n, moment_nm)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MassSpring:
-    """Particles on a string (thesis 2.3.2.2) in the state in which their motion has died out.
+    """Particles on a string (thesis 2.3.2.2), at rest.
 
     ``pieces`` + 1 particles along the shaft with stretch springs between neighbours and bending springs at each; the
     masses do not matter at rest. Stretch stiffness EA = 16 EI / d^2, that of a solid round section of ``diameter_m``.
-    For given directions the lengths follow from the load, so only directions are solved for. Known failure: the
-    length is not kept, and what the springs should be is a matter of taste ("not physically reliable").
+    For given directions the lengths follow from the load, so only directions are unknowns. Known failure: the
+    length is not kept, and the spring constants follow from no physical law ("not physically reliable").
     """
 
     rod: PlanarRod
@@ -273,20 +278,25 @@ class MassSpring:
         object.__setattr__(self, "_chain", chain)
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
+        """Returns the shape.
+
+        Args:
+            force_n: (2,) force on the tip, base frame.
+            moment_nm: moment about z.
+        """
         return _solve_links(self.rod, self._chain, 0.0, force_n, moment_nm)
 
 
-_SHOWN = 48
-"""Places of the centreline along the shaft, at least."""
+_MIN_POINTS = 48
+"""Least number of points of the centreline along the shaft."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConstantCurvature:
     """The shaft as ``arcs`` equal arcs, each of one curvature, with the least energy: exact bending energy and load.
 
-    One arc is the kinematics that catheter robots are steered by. More arcs are the strain parametrisation of a
-    Cosserat rod and tend to it, the differential-geometry model of Back et al. (thesis table 2), here in the plane
+    One arc is the kinematics used to steer catheter robots. More arcs are the strain parametrisation of a
+    Cosserat rod and converge to it, the differential-geometry model of Back et al. (thesis table 2), here in the plane
     and without stretch and shear. Known failure of one arc: a force cannot bend the base more than the tip, so the
     deflection under a small force is 1 - 1 / (4 arcs^2) = 3/4 of the true one. Exact for a pure moment.
     """
@@ -314,13 +324,18 @@ class ConstantCurvature:
         object.__setattr__(self, "_chain", chain)
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z."""
+        """Returns the shape.
+
+        Args:
+            force_n: (2,) force on the tip, base frame.
+            moment_nm: moment about z.
+        """
         rod, n, chain = self.rod, self.arcs, self._chain
         fx, fy = float(force_n[0]), float(force_n[1])
         ends = np.empty(n)
         converged = _solve_chain(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), ends)
-        # Chord after chord of equal pieces of the arcs: exact places on them.
-        per_arc = -(-_SHOWN // n)
+        # One chord for each of the equal pieces of the arcs: exact points on them.
+        per_arc = -(-_MIN_POINTS // n)
         turn = np.diff(ends, prepend=0.0) / per_arc
         starts = np.append(0.0, ends[:-1])
         middles = (starts[:, None] + turn[:, None] * (np.arange(per_arc) + 0.5)).ravel()

@@ -1,4 +1,4 @@
-"""The interface of all rod models, and what they share."""
+"""The common interface of all rod models."""
 
 import math
 from dataclasses import dataclass
@@ -11,20 +11,20 @@ from ..planar import PlanarRod
 
 
 class RodShape(Protocol):
-    """What a model says of the bent catheter, base frame."""
+    """The bent catheter of a model, base frame."""
 
     @property
     def tip_m(self) -> FloatArray:
-        """(2,): the electrode's end."""
+        """Position (2,) of the electrode's end."""
         ...
 
     @property
     def converged(self) -> bool:
-        """False: no equilibrium was found, and the numbers are not to be used."""
+        """False: no equilibrium was found, and the values must not be used."""
         ...
 
     def centreline_m(self, points: int) -> FloatArray:
-        """(points, 2): base to tip, uniform in the arc length of the unloaded catheter."""
+        """Returns the centreline (points, 2), base to tip, uniform in the arc length of the unloaded catheter."""
         ...
 
 
@@ -32,13 +32,18 @@ class RodModel(Protocol):
     """A model of the planar catheter, clamped at the base, loaded at its tip."""
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> RodShape:
-        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z; smooth in both."""
+        """Returns the shape under a load on the tip; it is smooth in the load.
+
+        Args:
+            force_n: (2,) force on the tip, base frame.
+            moment_nm: moment about z.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolylineShape:
-    """A shape as places ``nodes_m`` (k, 2), straight in between, at ``arc_m`` (k,) along the unloaded catheter."""
+    """A shape as points ``nodes_m`` (k, 2), straight in between, at ``arc_m`` (k,) along the unloaded catheter."""
 
     arc_m: FloatArray
     nodes_m: FloatArray
@@ -46,11 +51,11 @@ class PolylineShape:
 
     @property
     def tip_m(self) -> FloatArray:
-        """(2,): the electrode's end, base frame."""
+        """Position (2,) of the electrode's end, base frame."""
         return self.nodes_m[-1]
 
     def centreline_m(self, points: int) -> FloatArray:
-        """(points, 2): base to tip, uniform in the arc length of the unloaded catheter."""
+        """Returns the centreline (points, 2), base to tip, uniform in the arc length of the unloaded catheter."""
         wanted = np.linspace(0.0, self.arc_m[-1], points)
         line = np.empty((points, 2))
         for axis in range(2):
@@ -63,13 +68,13 @@ CATHETER_7F_M = 2.33e-3
 
 
 def curvature_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
-    """Pre-curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
+    """Returns the pre-curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
     joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
     return np.interp(arc_m, joints, rod.precurvatures_per_m)
 
 
 def _angle_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
-    """Tangent angle of the unloaded shaft at ``arc_m`` (k,), the exact integral of `curvature_at`."""
+    """Returns the tangent angle of the unloaded shaft at ``arc_m`` (k,), the exact integral of `curvature_at`."""
     joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
     curvature = curvature_at(rod, joints)
     at_joints = np.append(0.0, np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * np.diff(joints)))
@@ -78,20 +83,21 @@ def _angle_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
 
 
 def mean_curvature(rod: PlanarRod, edges_m: FloatArray) -> FloatArray:
-    """Mean pre-curvature of each piece of the shaft between ``edges_m`` (k + 1,)."""
+    """Returns the mean pre-curvature of each piece of the shaft between ``edges_m`` (k + 1,)."""
     return np.diff(_angle_at(rod, edges_m)) / np.diff(edges_m)
 
 
 def stiffness_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
-    """EI for small curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
+    """Returns EI for small curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
     joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
     return np.interp(arc_m, joints, rod.stiffnesses_nm2)
 
 
 def mean_stiffness(rod: PlanarRod) -> float:
-    """One EI for the whole shaft, for models that know no other: as the rest shape has it, weighed by compliance.
+    """Returns one EI for the whole shaft: that at the pre-curvature, weighted by compliance; for models with one EI.
 
-    The slope of the moment at the pre-curvature; weights are those with which a piece's compliance moves the tip.
+    EI is the slope of the moment at the pre-curvature. The weights are those with which a piece's compliance moves the
+    tip.
     """
     edges = np.linspace(0.0, rod.flexible_length_m, 4 * rod.segments + 1)
     arc = 0.5 * (edges[1:] + edges[:-1])
@@ -101,7 +107,7 @@ def mean_stiffness(rod: PlanarRod) -> float:
 
 
 def nodes_at(rod: PlanarRod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places (k, 2) and tangent angles (k,) of the unloaded shaft at ``arc_m`` (k,), which begins with 0."""
+    """Returns positions (k, 2) and tangent angles (k,) of the unloaded shaft at ``arc_m`` (k,), which begins with 0."""
     nodes, weights = np.polynomial.legendre.leggauss(5)
     step = np.diff(arc_m)
     inside = arc_m[:-1, None] + 0.5 * step[:, None] * (1 + nodes)
@@ -111,6 +117,6 @@ def nodes_at(rod: PlanarRod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def first_share(rod: PlanarRod, fx: float, fy: float, moment_nm: float) -> float:
-    """Share of the load that bends the rod by a radian or less."""
+    """Returns the share of the load that bends the rod by a radian or less."""
     size = (math.hypot(fx, fy) * rod.length_m**2 + abs(moment_nm) * rod.length_m) / rod.bending_stiffness_nm2
     return 1.0 / max(1.0, math.ceil(size))

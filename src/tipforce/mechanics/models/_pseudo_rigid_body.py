@@ -15,17 +15,18 @@ _GAMMA = 0.8517
 _K_THETA = 2.67617
 """Stiffness coefficient for that gamma."""
 _C_THETA = 1.2385
-"""The beam's end turns this much further than the hinge, transverse load."""
+"""Ratio of the turn of the beam's end to that of the hinge, transverse load."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PseudoRigidBody:
     """1R: the shaft as a rigid link with one hinge at (1 - gamma) of its length and a spring K = gamma K_theta EI / L.
 
-    gamma = 0.8517 and K_theta = 2.67617 are those for a transverse end force, whatever the load's direction: the axial
-    part acts through the geometry alone. Pre-curvature as Howell has it for initially curved beams: the hinge stays on
-    the base tangent, the link leads from there to the unloaded end of the shaft. The electrode turns 1.2385 times the
-    hinge's angle and acts as a lever; the equilibrium is the least energy of spring and load, moments included.
+    gamma = 0.8517 and K_theta = 2.67617 are those for a transverse end force, for every direction of the load: the
+    axial part acts through the geometry alone. Pre-curvature is that of Howell's initially curved beams: the hinge
+    stays on the base tangent, the link leads from there to the unloaded end of the shaft. The electrode turns 1.2385
+    times the hinge's angle and acts as a lever; the equilibrium is the least energy of spring and load, moments
+    included.
 
     Good for the tip alone, whose deflection is within 1 % of the elastica's for alpha = 2 to 10 on a straight
     shaft; the links are no centreline. Known failures: small loads (-4.5 %), axial loads, and moments, which
@@ -45,7 +46,12 @@ class PseudoRigidBody:
         object.__setattr__(self, "_numbers", np.array(numbers))
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Shape under ``force_n`` (2,) on the tip, base frame, and ``moment_nm`` about z; four places: the links."""
+        """Returns the shape, with four points: the ends of the links.
+
+        Args:
+            force_n: (2,) force on the tip, base frame.
+            moment_nm: moment about z.
+        """
         hinge, radius, rest, end, lever, _ = self._numbers
         fx, fy = float(force_n[0]), float(force_n[1])
         turn, converged = _turn(self._numbers, fx, fy, float(moment_nm), first_share(self.rod, fx, fy, moment_nm))
@@ -60,7 +66,7 @@ class PseudoRigidBody:
 
 @njit(cache=True, error_model="numpy")
 def _turn(numbers: FloatArray, fx: float, fy: float, moment: float, first_share: float) -> tuple[float, bool]:
-    """Angle of the hinge on the unloaded branch, by Newton's method while the load is raised."""
+    """Returns the angle of the hinge on the unloaded branch, by Newton's method while the load is raised."""
     radius, rest, end, lever, spring = numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]
     turn = share = 0.0
     step, converged = first_share, True

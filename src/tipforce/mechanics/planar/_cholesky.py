@@ -10,7 +10,7 @@ from ._compile import compiled
 
 @compiled
 def factorise(matrix: FloatArray, damping: float, factor: FloatArray) -> float:
-    """Cholesky factor of ``matrix`` with its diagonal times 1 + ``damping``; its log determinant, NaN where none."""
+    """Cholesky factor of ``matrix`` with its diagonal times 1 + ``damping``; its log determinant, or NaN."""
     count = matrix.shape[0]
     log_det = 0.0
     for i in range(count):
@@ -32,7 +32,7 @@ def factorise(matrix: FloatArray, damping: float, factor: FloatArray) -> float:
 
 @compiled
 def solve_in(factor: FloatArray, answer: FloatArray) -> None:
-    """Solves with the matrix that has this Cholesky ``factor``; ``answer`` (n,): the right side before."""
+    """Solves with the matrix of this Cholesky ``factor``; ``answer`` (n,) holds the right side first."""
     count = answer.size
     for i in range(count):
         for k in range(i):
@@ -46,9 +46,9 @@ def solve_in(factor: FloatArray, answer: FloatArray) -> None:
 
 @compiled
 def inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
-    """Inverse (n, n) of a covariance and the logarithm of its determinant; raises ValueError where there is none.
+    """Returns the inverse (n, n) of a covariance and the logarithm of its determinant; ValueError if there is none.
 
-    Scaled to one on the diagonal on the way, for its units may lie ten powers of ten apart.
+    The matrix is first scaled to one on the diagonal, because its units may differ by ten powers of ten.
     """
     count = len(covariance)
     std = np.sqrt(np.diag(covariance))

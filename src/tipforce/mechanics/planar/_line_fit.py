@@ -2,8 +2,8 @@
 
 The measurement is the displacement of the detected line across itself at its points, and along itself at its tip. The
 unknowns are those of the rod, of its clamp and of the camera (`UNKNOWNS`), then the amplitudes of ``modes``: errors of
-the line that stay for a while. All have a joint Gaussian prior. Derivatives are exact: the implicit function theorem at
-the equilibrium, one tridiagonal solution an unknown.
+the line that last for some time. All have a joint Gaussian prior. Derivatives are exact: the implicit function theorem
+at the equilibrium, with one tridiagonal solution per unknown.
 """
 
 import math
@@ -45,50 +45,51 @@ UNKNOWNS = (
     "creep",
 )
 """Force in the frame of the clamp; pre-curvature; relative changes of EI and of EI over the proximal third; 1 / k_s^2;
-relative changes of the flexible length and of the metres a pixel stands for; the clamp in the frame of the line; the
+relative changes of the flexible length and of the metres per pixel; the clamp in the frame of the line; the
 camera: a point at c from the middle of the image moves by c (tilt . c) + distortion |c|^2 c; creep: share of the bend
-under earlier forces that is still there."""
+under earlier forces that remains."""
 FORCE = 2
-"""The first two unknowns."""
+"""Number of the first unknowns, which are the force."""
 _FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, _TILT_Y, _RADIAL, _CREEP = range(
     len(UNKNOWNS)
 )
-_OF_ROD = 7
-"""The first ones change the rod's shape."""
+_ROD_UNKNOWNS = 7
+"""Number of the first unknowns, which change the rod's shape."""
 
-_SMALL_STEP = 0.05
-"""The fit has converged when a step is shorter than this share of what the posterior leaves open."""
+_CONVERGED_STEP = 0.05
+"""The fit has converged when a step is shorter than this share of the posterior standard deviation."""
 _FIRST_EASE, _EASE_STEP, _EASED_GAIN = 1.0 / 64.0, 8.0, 0.5
-"""A cold start first takes the line's noise for so much larger: else the first step runs along what the line hardly
-tells, into a bent valley of the cost. Then it shrinks, as soon as a step gains little."""
-_SMALL_GAIN = 1e-3
-"""Or when a step lowers the cost by less: a likelihood ratio that nothing depends on."""
+"""A start without an earlier shape first uses a noise of the line that is larger by 1 / `_FIRST_EASE`. Otherwise the
+first step follows a direction that the line determines poorly, into a curved valley of the cost. When a step gains less
+than `_EASED_GAIN`, the noise is divided by `_EASE_STEP`."""
+_CONVERGED_GAIN = 1e-3
+"""It has also converged when a step lowers the cost by less: a likelihood ratio without any effect on the result."""
 _TRIES_PER_STEP = 2
-_MOST_DAMPING = 1e8
-_MOST_LOAD, _MOST_BEND, _LEAST_SOFT = 10.0, 2.0 * math.pi, -1e-4
-"""Force x length^2 / EI, four times what buckles the rod; turn of the unloaded rod, rad; softening with curvature."""
-_LONGEST_TURN = 1.5
-"""A step that turns an element by more than this, rad, is taken for a jump to another branch, and halved."""
+_MAX_DAMPING = 1e8
+_MAX_LOAD, _MAX_BEND_RAD, _MIN_SOFT = 10.0, 2.0 * math.pi, -1e-4
+"""Limits of force x length^2 / EI, four times the buckling load; turn of the unloaded rod, rad; softening."""
+_MAX_TURN_RAD = 1.5
+"""A step that turns an element by more than this, rad, is a jump to another branch, and is made shorter."""
 
 
 class Model(NamedTuple):
-    """The rod as it is known beforehand; what is off it is among the unknowns."""
+    """The nominal rod; the deviations from it are unknowns."""
 
     segments: int
     flexible_m: float
     rigid_m: float
     stiffness_nm2: float
     profile: FloatArray
-    """(segments + 1,): what EI is multiplied with at the joints."""
+    """(segments + 1,): factors on EI at the joints."""
     dome_m: float
-    """The force acts so far behind the tip: a wall pushes a round tip through the middle of its dome."""
+    """Distance of the force behind the tip: a wall presses on a round tip through the middle of its dome."""
 
 
 class Line(NamedTuple):
     """A detected line in the frame of the prior: ``points`` (p, 2), ``normals`` (p, 2) to its left, base to tip.
 
     ``from_tip`` (p,): arc length between point and tip, the last 0. ``middle`` (2,): middle of the image. ``past_n``
-    (2,): mean of the forces before, over the time of creep: to first order the rod has crept as if a share of it acted.
+    (2,): mean of the earlier forces over the time of creep: to first order the rod has crept as if a share of it acted.
     """
 
     points: FloatArray
@@ -137,11 +138,17 @@ class Found(NamedTuple):
 
 
 def make_work(model: Model, points: int, unknowns: int) -> Work:
-    """Buffers for lines of ``points`` points; the start is the straight rod."""
+    """Makes the buffers for lines of ``points`` points; the start is the straight rod.
+
+    Args:
+        model: the rod.
+        points: number of points of a line.
+        unknowns: number of unknowns.
+    """
     n, rows = model.segments + 1, points + 1
     return Work(
         np.zeros(n), np.zeros(n), np.zeros((SCRATCH + 4, n)), np.zeros(n), np.zeros(n), np.zeros((n, 2)),
-        np.zeros((2, n + 1)), np.zeros((_OF_ROD, 2, n + 1)), np.zeros(rows), np.zeros((rows, unknowns)),
+        np.zeros((2, n + 1)), np.zeros((_ROD_UNKNOWNS, 2, n + 1)), np.zeros(rows), np.zeros((rows, unknowns)),
         np.zeros((rows, unknowns + 1)), np.zeros((unknowns, unknowns)), np.zeros((unknowns, unknowns)),
         np.zeros(unknowns), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
     )  # fmt: skip
@@ -149,23 +156,23 @@ def make_work(model: Model, points: int, unknowns: int) -> Work:
 
 @compiled
 def _load(q: FloatArray, line: Line) -> tuple[float, float]:
-    """The force that bends the rod as force and creep together do."""
+    """Returns the force that bends the rod as force and creep together do."""
     return q[_FX] + q[_CREEP] * line.past_n[0], q[_FY] + q[_CREEP] * line.past_n[1]
 
 
 @compiled
 def _is_possible(q: FloatArray, model: Model) -> bool:
-    """Whether there is such a rod, under a load that its solver is made for; NaN is none."""
+    """Whether such a rod exists, with a load in the range of the solver; NaN: False."""
     size = math.hypot(q[_FX], q[_FY]) * model.flexible_m**2 / model.stiffness_nm2
     stiff = min(1.0 + q[_EI], 1.0 + q[_PROXIMAL], 1.0 + q[_LENGTH], 1.0 + q[_SCALE]) > 0.3
     bend = abs(q[_K0]) * model.flexible_m
-    # where stiffness would fall with the curvature there is no unique shape
-    return size < _MOST_LOAD and stiff and bend < _MOST_BEND and q[_SOFT] > _LEAST_SOFT and q[_SOFT] * q[_K0] ** 2 < 3.0
+    # if the stiffness falls with the curvature there is no unique shape
+    return size < _MAX_LOAD and stiff and bend < _MAX_BEND_RAD and q[_SOFT] > _MIN_SOFT and q[_SOFT] * q[_K0] ** 2 < 3.0
 
 
 @compiled
 def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool) -> tuple[bool, bool, float]:
-    """The equilibrium at ``q`` into ``theta``, and its Hessian's factors; whether it converged, is stable, firmness."""
+    """Solves the equilibrium at ``q`` into ``theta``; whether it converged, whether it is stable, its firmness."""
     n = model.segments + 1
     h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
     for i in range(n):
@@ -191,7 +198,7 @@ def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool
 
 @compiled
 def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
-    """Nodes (2, n + 1), and how they move with each unknown of the rod, into ``turns``."""
+    """Computes nodes (2, n + 1), and their derivatives with each unknown of the rod, into ``turns``."""
     n = model.segments + 1
     last = n - 1
     h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
@@ -199,7 +206,7 @@ def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
     fx, fy = _load(q, line)
     cosine, sine = work.scratch[COSINE], work.scratch[SINE]
     side = work.before
-    for parameter in range(_OF_ROD):
+    for parameter in range(_ROD_UNKNOWNS):
         previous = 0.0
         for i in range(n):
             reach = h if i < last else model.rigid_m - model.dome_m
@@ -252,7 +259,7 @@ def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
 
 @compiled
 def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Work) -> None:
-    """What is left between the line and the model at ``q`` into ``residual``, its slopes into ``slopes``."""
+    """Computes the residual of the line at ``q`` into ``residual``, its derivatives into ``slopes``."""
     segments, p = model.segments, line.from_tip.size
     h = model.flexible_m * (1.0 + q[_LENGTH]) / segments
     length = h * segments + model.rigid_m
@@ -261,7 +268,7 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
     count = q.size
     for i in range(p):
         arc = length - line.from_tip[i] * larger
-        if arc < 0.0:  # behind the clamp it goes straight on
+        if arc < 0.0:  # behind the clamp the line is straight
             first, share, x, y, ex, ey = 0, 0.0, arc, 0.0, 1.0, 0.0
         else:
             first = min(int(arc / h), segments)
@@ -269,7 +276,7 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
             x = work.nodes[0, first] + share * (work.nodes[0, first + 1] - work.nodes[0, first])
             y = work.nodes[1, first] + share * (work.nodes[1, first + 1] - work.nodes[1, first])
             ex, ey = work.scratch[COSINE, first], work.scratch[SINE, first]
-            if first < segments:  # the arc, not its chord: kinks would show beside a hundredth of a pixel
+            if first < segments:  # the arc, not its chord: kinks would be visible at a hundredth of a pixel
                 before, after = work.theta[first - 1] if first else 0.0, work.theta[first + 1]
                 bend = (after - before) / (2.0 if 0 < first < segments - 1 else 1.5)
                 sag, lean = -0.5 * bend * h * share * (1.0 - share), -0.5 * bend * (1.0 - 2.0 * share)
@@ -297,7 +304,7 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
             uy = grow * ny + way * (q[_TILT_Y] + 2.0 * q[_RADIAL] * gy)
             bx, by = (c * ux + s * uy) / larger, (-s * ux + c * uy) / larger
             along = bx * ex + by * ey
-            for k in range(_OF_ROD):
+            for k in range(_ROD_UNKNOWNS):
                 if arc < 0.0:
                     work.slopes[row, k] = bx if k == _LENGTH else 0.0
                     if k == _LENGTH:
@@ -325,7 +332,7 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
 def predict_line(
     q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Work, cold: bool
 ) -> tuple[bool, bool, float]:
-    """``residual`` and ``slopes`` of ``work`` at ``q``; whether the shape converged, whether it is stable, firmness."""
+    """Fills ``residual`` and ``slopes`` of ``work`` at ``q``; whether the shape converged, is stable, its firmness."""
     converged, stable, firm = _solve_shape(q, model, line, work, cold)
     if converged and stable:
         _turn_rates(q, model, line, work)
@@ -343,7 +350,7 @@ def _cost(
     limit: float,
     work: Work,
 ) -> tuple[float, float]:
-    """Huber's loss of the whitened residual plus the prior's; the plain sum of squares. Fills ``white``'s last."""
+    """Returns Huber's loss of the whitened residual plus the prior's, and the sum of squares. Fills the last column of ``white``."""
     rows, count = work.residual.size, q.size
     loss = plain = 0.0
     for i in range(rows):
@@ -373,7 +380,7 @@ def _assemble(
     limit: float,
     work: Work,
 ) -> None:
-    """Posterior information at ``q`` into ``matrix``, minus the gradient of the cost into ``side``."""
+    """Computes the posterior information at ``q`` into ``matrix``, minus the gradient of the cost into ``side``."""
     rows, count = work.residual.size, q.size
     for i in range(rows):
         value = abs(work.white[i, count])
@@ -417,18 +424,18 @@ def fit_line(
     work: Work,
     covariance: FloatArray,
 ) -> Found:
-    """Moves ``q`` from where it stands to the most probable unknowns; ``covariance`` becomes that of the posterior.
+    """Moves ``q`` from its start to the most probable unknowns; ``covariance`` becomes that of the posterior.
 
     Args:
         q: (unknowns,) start, then result: `UNKNOWNS`, then the amplitudes of ``modes``.
-        mean: (unknowns,) of the prior.
+        mean: (unknowns,) mean of the prior.
         information: (unknowns, unknowns): inverse of the prior's covariance. A very large entry holds an unknown.
         model: the rod.
-        line: what was detected.
-        modes: (points + 1, modes): errors of the line with an amplitude that is an unknown of its own.
-        whiten: (points + 1, points + 1) lower triangular: what makes the noise of the line white.
-        limit: whitened misfits beyond this count with their size only, not their square (Huber 1964).
-        most: steps at most.
+        line: the detected line.
+        modes: (points + 1, modes): errors of the line, each with an amplitude that is an unknown.
+        whiten: (points + 1, points + 1) lower triangular matrix that whitens the noise of the line.
+        limit: whitened residuals above this count by their size, not by its square (Huber 1964).
+        most: largest number of steps.
         cold: solve the first shape from the unloaded one, not from ``work.theta``.
         work: buffers.
         covariance: (unknowns, unknowns), filled (Laplace's approximation).
@@ -436,7 +443,7 @@ def fit_line(
     count = q.size
     cost, plain, firm, plain_there = math.inf, math.inf, 0.0, math.inf
     damping, iteration, done, stable = 0.0, -1, False, False
-    bound, largest = 1e300, 0.0  # far from the line, squares lead to it sooner
+    bound, largest = 1e300, 0.0  # far from the line, squares converge faster
     ease = _FIRST_EASE if cold else 1.0
     for k in range(count):
         work.tried[k] = q[k]
@@ -451,14 +458,14 @@ def fit_line(
             for i in range(work.theta.size):
                 turned = max(turned, abs(work.theta[i] - work.kept[i]))
         tried_cost = math.inf
-        if converged and stable_there and turned < _LONGEST_TURN:
+        if converged and stable_there and turned < _MAX_TURN_RAD:
             _turn_rates(work.tried, model, line, work)
             _measure(work.tried, model, line, modes, work)
             tried_cost, plain_there = _cost(work.tried, mean, information, whiten, ease, bound, work)
         if iteration < 0 and tried_cost == math.inf:
             return Found(math.inf, math.inf, math.nan, False, stable_there, firm_there, 0)
         if tried_cost <= cost:
-            done = done or (damping < 1e-2 and cost - tried_cost < (_SMALL_GAIN if ease == 1.0 else _EASED_GAIN))
+            done = done or (damping < 1e-2 and cost - tried_cost < (_CONVERGED_GAIN if ease == 1.0 else _EASED_GAIN))
             for k in range(count):
                 q[k] = work.tried[k]
             cost, plain, firm, stable = tried_cost, plain_there, firm_there, stable_there
@@ -481,11 +488,11 @@ def fit_line(
             for k in range(count):
                 work.tried[k] = q[k]
             continue
-        if done or iteration >= most or damping > _MOST_DAMPING:
+        if done or iteration >= most or damping > _MAX_DAMPING:
             break
-        while damping <= _MOST_DAMPING and math.isnan(factorise(work.matrix, damping, work.factor)):
+        while damping <= _MAX_DAMPING and math.isnan(factorise(work.matrix, damping, work.factor)):
             damping = max(1e-3, 4.0 * damping)
-        if damping > _MOST_DAMPING:
+        if damping > _MAX_DAMPING:
             break
         decrement = 0.0
         for k in range(count):
@@ -494,7 +501,7 @@ def fit_line(
         for k in range(count):
             work.tried[k] = q[k] + work.step[k]
             decrement += work.step[k] * work.side[k]
-        done = decrement < _SMALL_STEP**2 and damping < 1e-2
+        done = decrement < _CONVERGED_STEP**2 and damping < 1e-2
     log_det = factorise(work.matrix, 0.0, work.factor)
     for a in range(count):
         column = covariance[a]

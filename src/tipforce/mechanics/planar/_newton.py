@@ -1,6 +1,6 @@
 """Newton's method on the energy of the discrete planar elastica under a dead load, and continuation.
 
-Unknowns are the tangent angles: one a segment of length h, and one of the rigid tip. Inextensible segments make the
+Unknowns are the tangent angles: one per segment of length h, and one of the rigid tip. Inextensible segments make the
 Hessian of the bending energy and of a dead tip load tridiagonal. The continuation (`follow`) raises all loads
 together, from the unloaded shape to the whole load.
 """
@@ -15,7 +15,7 @@ from ._sincos import cosine_and_sine
 
 
 class Elastic(NamedTuple):
-    """The rod as numbers: segment length, lever of the loaded point beyond the shaft, EI and k_0 (n,), 1 / k_s^2."""
+    """The values of the rod: segment length, lever of the loaded point beyond the shaft, EI and k_0 (n,), 1 / k_s^2."""
 
     h: float
     lever: float
@@ -23,13 +23,13 @@ class Elastic(NamedTuple):
     k0: FloatArray
     soft: float
     scale: float
-    """Moment by which residuals are measured: EI / length of the shaft."""
+    """Unit of the residuals: the moment EI / length of the shaft."""
 
 
 class Load(NamedTuple):
-    """Dead load, base frame: force (fx, fy) and moment m about z at the lever's end, and what is spread on the way.
+    """Dead load, base frame: force (fx, fy) and moment m about z at the lever's end, and a distributed load.
 
-    ``carried`` (n, 2): the distributed load beyond each segment, and half of its own: its middle carries that.
+    ``carried`` (n, 2): the distributed load beyond each segment, and half of its own, which acts at its middle.
     """
 
     fx: float
@@ -49,21 +49,21 @@ class Solution(NamedTuple):
 
 
 SCRATCH = 9
-"""Rows of n numbers that `relax_in` needs."""
+"""Number of rows of n values that `relax_in` needs."""
 INVERSE_PIVOTS, COSINE, SINE = 4, 7, 8
 """Rows of the scratch: 1 / pivots of the Hessian, cosine and sine of the angles."""
 _MAX_ITERATIONS = 80
-_MAX_TURN = 0.4
-"""Largest change of an angle in one step, rad: keeps the iteration on the branch it comes from."""
+_MAX_TURN_RAD = 0.4
+"""Largest change of an angle in one step, rad: the iteration then stays on its branch."""
 TOLERANCE = 1e-11
 """Residual that ends the iteration. Rounding leaves about 1e-16 x segments x the largest angle."""
 
 
 @compiled
 def sincos(angle: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
-    """Fills ``cosine`` and ``sine``, in a loop of vector instructions.
+    """Computes ``cosine`` and ``sine``, in a loop of vector instructions.
 
-    One angle after the other, as the library's functions take them, would cost more than half of a solve.
+    Scalar calls of the library's functions would take more than half of the time of a solution.
     """
     for i in range(angle.size):
         cosine[i], sine[i] = cosine_and_sine(angle[i])
@@ -71,7 +71,7 @@ def sincos(angle: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
 
 @compiled
 def bending_density(k: float, k0: float, soft: float) -> float:
-    """Energy per metre over EI, at curvature ``k`` against the pre-curvature ``k0``; ``soft``: 1 / k_s^2."""
+    """Returns the energy per metre over EI, at curvature ``k`` with the pre-curvature ``k0``; ``soft``: 1 / k_s^2."""
     density = 0.5 * (k - k0) ** 2
     if soft > 0.0:  # the integral of (k / k_s)^2 (k - k_0) from k_0
         density += soft * (k**4 / 4 - k0 * k**3 / 3 + k0**4 / 12)
@@ -80,7 +80,7 @@ def bending_density(k: float, k0: float, soft: float) -> float:
 
 @compiled
 def energy_at(theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elastic, load: Load) -> float:
-    """Energy at ``theta``; leaves the cosines and sines in their arrays."""
+    """Returns the energy at ``theta``; the cosines and sines remain in their arrays."""
     last = theta.size - 1
     sincos(theta, cosine, sine)
     x = y = bend = spread = previous = 0.0
@@ -137,7 +137,7 @@ def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
     gradient, diagonal, upper, factor, inverse_pivot = work[0], work[1], work[2], work[3], work[4]
     negative = 0
     forward = inverse = 0.0
-    for i in range(n):  # D^-1 of the forward substitution goes along
+    for i in range(n):  # D^-1 of the forward substitution in the same loop
         pivot = diagonal[i] + shift
         right = -gradient[i]
         if i > 0:
@@ -159,11 +159,11 @@ def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
 
 @compiled
 def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scratch: FloatArray) -> Solution:
-    """Moves ``theta`` (n,) in place to the nearest minimum of the energy; ``stable`` tells whether it is one.
+    """Moves ``theta`` (n,) in place to the nearest minimum of the energy; ``stable``: whether it is a minimum.
 
-    Each step is Newton's where the Hessian is positive definite, else that of the shifted Hessian, cut so that no
-    angle turns by more than 0.4 rad, and halved until the energy falls. ``scratch`` (SCRATCH, n) is left with the
-    Hessian's factors at ``theta``: `solve_factorised` goes on from there.
+    Each step is Newton's if the Hessian is positive definite, else that of the shifted Hessian. It is limited so that
+    no angle turns by more than 0.4 rad, and halved until the energy falls. ``scratch`` (SCRATCH, n) then holds the
+    Hessian's factors at ``theta``, which `solve_factorised` uses.
     """
     n = theta.size
     work, trial, step, cosine, sine = scratch[:5], scratch[5], scratch[6], scratch[COSINE], scratch[SINE]
@@ -175,7 +175,7 @@ def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scra
         if residual <= tolerance or iteration == _MAX_ITERATIONS:
             return Solution(iteration, residual <= tolerance, stable, energy, residual)
         iteration += 1
-        # As little shift as will do: past a fold the gradient is small, and the softest way is the one to go.
+        # The smallest possible shift: past a fold the gradient is small and the step follows the softest direction.
         shift = 1e-7 * rod.ei[0] / rod.h
         while not stable and not _newton_step(work, shift, step):
             shift *= 8.0
@@ -183,8 +183,8 @@ def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scra
         for i in range(n):
             longest = max(longest, abs(step[i]))
             descent += work[0, i] * step[i]
-        scale = min(1.0, _MAX_TURN / longest)
-        # Close to the minimum the gain drowns in rounding: let a Newton step pass there.
+        scale = min(1.0, _MAX_TURN_RAD / longest)
+        # Close to the minimum the gain is smaller than rounding: a Newton step is accepted there.
         slack = 1e-14 * (abs(energy) + rod.scale)
         while True:
             for i in range(n):
@@ -197,15 +197,15 @@ def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scra
                 energy = energy_at(theta, cosine, sine, rod, load)
                 return Solution(iteration, False, stable, energy, residual)
         energy = tried
-        for i in range(n):  # a slice's assignment would cost the compiler seconds, for the message of its error
+        for i in range(n):  # the assignment of a slice takes seconds to compile, because of its error message
             theta[i] = trial[i]
 
 
 @compiled
 def solve_factorised(scratch: FloatArray, answer: FloatArray) -> None:
-    """Solves with the factors of the Hessian that `relax_in` left; ``answer`` holds the right-hand side first.
+    """Solves with the factors of the Hessian from `relax_in`; ``answer`` holds the right-hand side first.
 
-    For shapes that are stable: of a Hessian that is not positive definite other factors may have been left.
+    Only for stable shapes: if the Hessian is not positive definite, the factors may be those of a shifted one.
     """
     factor, inverse = scratch[3], scratch[INVERSE_PIVOTS]
     last = answer.size - 1
@@ -216,25 +216,24 @@ def solve_factorised(scratch: FloatArray, answer: FloatArray) -> None:
         answer[i] = answer[i] * inverse[i] - factor[i] * answer[i + 1]
 
 
-_MISMATCH = 0.02
-"""Largest angle, rad, by which a step of the load may miss the mean of the tangents at its two ends.
+_MAX_MISMATCH_RAD = 0.02
+"""Largest difference, rad, of a step of the load from the mean of the tangents at its two ends.
 
-On a smooth branch the miss falls with the cube of the step; a jump to another branch misses by the jump, whatever the
-step.
+On a smooth branch it falls with the cube of the step; at a jump to another branch it is the jump, for every step.
 """
-_LONGEST = 0.6
-"""Longest way of an angle in one step of the load along the tangent, rad."""
-_SHORTEST = 1e-5
-"""Share of the load below which a step that still fails is taken for a fold, or for the point of buckling."""
-_ON_THE_WAY = 1e-5
-"""Residual that will do for the shapes that are passed through."""
-_ANEW = 0.02
-"""Share of the load in the first step after that."""
+_MAX_TANGENT_STEP_RAD = 0.6
+"""Largest change of an angle in one step of the load along the tangent, rad."""
+_MIN_LOAD_STEP = 1e-5
+"""Share of the load below which a step that still fails is a fold, or the point of buckling."""
+_PATH_TOLERANCE = 1e-5
+"""Largest residual of the shapes between the unloaded and the final one."""
+_RESTART_STEP = 0.02
+"""Share of the load in the first step after a fold."""
 
 
 @compiled
 def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> None:
-    """Change of the angles with the share of the load, into ``way``; ``scratch``: what `relax_in` left there."""
+    """Computes the change of the angles with the share of the load into ``way``; ``scratch``: from `relax_in`."""
     last = way.size - 1
     cosine, sine = scratch[COSINE], scratch[SINE]
     for i in range(last + 1):
@@ -246,22 +245,22 @@ def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> 
 
 @compiled
 def _copy(source: FloatArray, target: FloatArray) -> None:
-    """Copies (n,); a slice's assignment would cost the compiler seconds, for the message of its error."""
+    """Copies (n,); the assignment of a slice takes seconds to compile, because of its error message."""
     for i in range(source.size):
         target[i] = source[i]
 
 
 @compiled
 def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: FloatArray) -> tuple[Solution, bool]:
-    """From the unloaded ``theta`` to the whole load; True where the branch was followed without a jump.
+    """Moves ``theta`` from the unloaded shape to that of the whole load; True if the branch has no jump.
 
-    A branch that loses its stability without a fold (a straight rod pushed along its axis) is followed on. ``scratch``
-    (SCRATCH + 4, n).
+    A branch that becomes unstable without a fold (a straight rod pushed along its axis) is followed further.
+    ``scratch`` (SCRATCH + 4, n).
     """
     n = theta.size
     work, before, way, way_before = scratch[:SCRATCH], scratch[SCRATCH], scratch[SCRATCH + 1], scratch[SCRATCH + 2]
     way_last, carried = scratch[SCRATCH + 3], np.zeros((n, 2))
-    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), _ON_THE_WAY, work)
+    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), _PATH_TOLERANCE, work)
     _tangent(rod, load, work, way)
     _copy(way, way_last)
     stable = outcome.stable
@@ -273,7 +272,7 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
             longest = 0.0
             for i in range(n):
                 longest = max(longest, abs(way[i]))
-            step = max(_SHORTEST, min(step, _LONGEST / (longest + 1e-300)))
+            step = max(_MIN_LOAD_STEP, min(step, _MAX_TANGENT_STEP_RAD / (longest + 1e-300)))
         target = min(1.0, share + step)
         step = target - share
         _copy(theta, before)
@@ -286,7 +285,7 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
         for i in range(n):
             carried[i, 0], carried[i, 1] = target * load.carried[i, 0], target * load.carried[i, 1]
         part = Load(target * load.fx, target * load.fy, target * load.m, carried)
-        tolerance = TOLERANCE if target == 1.0 else _ON_THE_WAY
+        tolerance = TOLERANCE if target == 1.0 else _PATH_TOLERANCE
         outcome = relax_in(theta, rod, part, tolerance, work)
         iterations += outcome.iterations
         was_stable, stable = stable, outcome.stable
@@ -296,19 +295,19 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
         for i in range(n):
             moved = max(moved, abs(theta[i] - before[i]))
             miss = max(miss, abs(theta[i] - before[i] - 0.5 * step * (way[i] + way_before[i])))
-        if stable and was_stable and outcome.converged and miss <= _MISMATCH:
+        if stable and was_stable and outcome.converged and miss <= _MAX_MISMATCH_RAD:
             share, last_step = target, step
             _copy(way_before, way_last)
-            if miss < 0.125 * _MISMATCH:
+            if miss < 0.125 * _MAX_MISMATCH_RAD:
                 step *= 2.0
-        elif not was_stable or step < 1.5 * _SHORTEST:
-            # Past the end of a stable stretch there is no tangent to hold on to: only what stands still is followed.
-            followed = followed and outcome.converged and moved <= _MISMATCH
-            share, step, last_step = target, _ANEW, 0.0
+        elif not was_stable or step < 1.5 * _MIN_LOAD_STEP:
+            # After the end of a stable part there is no tangent: the branch is followed if the shape does not move.
+            followed = followed and outcome.converged and moved <= _MAX_MISMATCH_RAD
+            share, step, last_step = target, _RESTART_STEP, 0.0
         else:
             _copy(before, theta)
             _copy(way_before, way)
             stable = True
-            step = max(0.3 * step, _SHORTEST)
+            step = max(0.3 * step, _MIN_LOAD_STEP)
     whole = Solution(iterations, outcome.converged, outcome.stable, outcome.energy, outcome.residual)
     return whole, followed

@@ -15,8 +15,8 @@ class PlanarRod:
     The shaft of ``flexible_length_m`` carries the moment M = EI (1 + (k / k_s)^2) (k - k_0) at curvature k, with
     EI = ``bending_stiffness_nm2`` times ``stiffness_profile``, k_0 = ``precurvature_per_m`` (positive: bends toward
     +y) and k_s = ``stiffening_curvature_per_m`` (infinite: the moment grows with k alone). An electrode of
-    ``rigid_length_m`` goes on from the shaft's end. ``segments``: straight segments of the shaft; positions are second
-    order in their length.
+    ``rigid_length_m`` continues from the shaft's end. ``segments``: straight segments of the shaft; positions are
+    second order in their length.
 
     ``precurvature_per_m`` is one value, or (segments + 1,) at the joints: the clamp, between segments, the electrode's
     root. ``stiffness_profile``: (segments + 1,) positive factors at the joints; None: 1 everywhere.
@@ -49,7 +49,7 @@ class PlanarRod:
             object.__setattr__(self, "stiffness_profile", frozen("stiffness_profile", self.stiffness_profile, joints))
             if not (self.stiffness_profile > 0).all():
                 raise ValueError(f"stiffness_profile must be positive, got {self.stiffness_profile.min()}")
-        # Beyond this the moment would fall with growing curvature somewhere: no unique shape even without load.
+        # Above this limit the moment falls with growing curvature in some range: no unique shape even without load.
         if not np.abs(self.precurvature_per_m).max() < math.sqrt(3) * self.stiffening_curvature_per_m:
             raise ValueError(
                 f"precurvature_per_m must stay below {math.sqrt(3):.3f} stiffening_curvature_per_m, got {self}"
@@ -57,16 +57,16 @@ class PlanarRod:
 
     @property
     def length_m(self) -> float:
-        """Shaft and electrode together."""
+        """Length of shaft and electrode together."""
         return self.flexible_length_m + self.rigid_length_m
 
     @property
     def precurvatures_per_m(self) -> FloatArray:
-        """(segments + 1,): curvature of the unloaded shaft at its joints."""
+        """Curvature (segments + 1,) of the unloaded shaft at its joints."""
         return np.full(self.segments + 1, self.precurvature_per_m, dtype=np.float64)
 
     @property
     def stiffnesses_nm2(self) -> FloatArray:
-        """(segments + 1,): EI at the joints, for small curvature."""
+        """EI (segments + 1,) at the joints, for small curvature."""
         profile = 1.0 if self.stiffness_profile is None else self.stiffness_profile
         return np.full(self.segments + 1, self.bending_stiffness_nm2 * profile)

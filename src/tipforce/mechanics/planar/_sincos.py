@@ -14,7 +14,7 @@ _intrinsic: Any = extending.intrinsic
 
 
 def _llvm(name: str, count: int) -> Any:
-    """Signature and code of an intrinsic that the compiler itself knows, of ``count`` float64."""
+    """Returns signature and code of an LLVM intrinsic of ``count`` float64 arguments."""
     double = ir.DoubleType()
 
     def build(_context: Any, builder: Any, _signature: Any, values: Sequence[Any]) -> Any:
@@ -28,14 +28,14 @@ def _llvm(name: str, count: int) -> Any:
 
 @_intrinsic
 def fma(_: Any, a: Any, b: Any, c: Any) -> Any:
-    """``a`` ``b`` + ``c``, rounded once: so it is the same wherever it is inlined."""
+    """Returns ``a`` ``b`` + ``c``, rounded once, so that the result does not depend on inlining."""
     del a, b, c
     return _llvm("fma", 3)
 
 
 @_intrinsic
 def floor(_: Any, value: Any) -> Any:
-    """The largest whole number that is not above ``value``, as a float."""
+    """Returns the largest whole number that is not above ``value``, as a float."""
     del value
     return _llvm("floor", 1)
 
@@ -46,7 +46,7 @@ _HALF_PI_HIGH, _HALF_PI_LOW = 1.57079632673412561417, 6.07710050650619224932e-11
 
 @compiled
 def cosine_and_sine(angle: float) -> tuple[float, float]:
-    """Cosine and sine, to the last bit or two within 1e5 rad.
+    """Returns cosine and sine, accurate to the last one or two bits within 1e5 rad.
 
     Minimax coefficients on a quarter turn are those of fdlibm (Sun Microsystems 1993).
     """
