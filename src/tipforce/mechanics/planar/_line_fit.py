@@ -350,7 +350,7 @@ def _cost(
     limit: float,
     work: Work,
 ) -> tuple[float, float]:
-    """Returns Huber's loss of the whitened residual plus the prior's, and the sum of squares. Fills the last column of ``white``."""
+    """Returns Huber's loss of the whitened residual plus the prior's, and the squares' sum. Fills ``white[:, -1]``."""
     rows, count = work.residual.size, q.size
     loss = plain = 0.0
     for i in range(rows):

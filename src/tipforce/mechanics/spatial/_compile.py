@@ -1,4 +1,4 @@
-"""How the kernels of the spatial rod are compiled: a change in any of its files counts."""
+"""Compilation of the kernels of the spatial rod: they are compiled again after a change in any of its files."""
 
 from ..._system.compilation import compiled_together
 

@@ -1,4 +1,4 @@
-"""The spatial rod on a moving wall: the wall, the solver that goes from instant to instant, and its results."""
+"""The spatial rod on a moving wall: the wall, the solver that integrates from instant to instant, and its results."""
 
 import math
 from dataclasses import dataclass
@@ -13,9 +13,17 @@ from ._time_stepping import WallLaw, integrate, make_history, make_instants
 
 
 def damping_of_loss_factor(stiffness_n_per_m: float, loss_factor: float, frequency_hz: float) -> float:
-    """Damping in N s/m whose force leads the indentation by atan(``loss_factor``) at ``frequency_hz``.
+    """Returns the damping in N s/m whose force leads the indentation by atan(``loss_factor``) at ``frequency_hz``.
 
-    A spring and a dashpot side by side have the loss factor 2 pi f c / k.
+    A spring and a dashpot in parallel have the loss factor 2 pi f c / k.
+
+    Args:
+        stiffness_n_per_m: stiffness k of the spring.
+        loss_factor: ratio of the viscous force to the elastic one.
+        frequency_hz: frequency f at which it has this value.
+
+    Raises:
+        ValueError: a value has no physical meaning.
 
     >>> round(damping_of_loss_factor(120.0, 0.175, 1.2), 3)
     2.785
@@ -30,24 +38,25 @@ def damping_of_loss_factor(stiffness_n_per_m: float, loss_factor: float, frequen
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpatialWall:
-    """A plane that yields where it is touched, in the base frame.
+    """A plane that yields at the contact, in the base frame.
 
     ``normal`` (3,): the direction INTO the wall, d, made a unit vector. Normal force = spring + ``damping_ns_per_m`` x
-    rate of depth, never pulling: after a release the indentation goes back by itself and is met again where it then is.
-    The spring is ``stiffness_n_per_m`` x depth, or with ``hertz_depth_m`` h, Hertz's law for a ball:
+    rate of depth, never pulling. After a release the indentation recovers by itself; a new contact begins at its
+    present depth. The spring is ``stiffness_n_per_m`` x depth, or with ``hertz_depth_m`` h, Hertz's law for a ball:
     ``stiffness_n_per_m`` x depth x sqrt(depth / h), so that the stiffness is the secant's at depth h; or with
-    ``exponential_depth_m`` h, one that stiffens as living tissue does (Fung): stiffness x h x (exp(depth / h) - 1) /
-    (e - 1).
+    ``exponential_depth_m`` h, a law that stiffens like living tissue (Fung): stiffness x h x
+    (exp(depth / h) - 1) / (e - 1).
 
-    ``face_radius_m``: the wall's point is the apex of a sphere, convex where positive, concave where negative; None: a
-    plane. In each instant the dome meets the sphere's tangent plane where it is expected to stand.
+    ``face_radius_m``: the wall's point is the apex of a sphere, convex if positive, concave if negative; None: a plane.
+    At each instant the dome touches the tangent plane of the sphere at its expected position.
 
     Along the wall the tissue yields by ``shear_n_per_m`` (None: 2/3 of ``stiffness_n_per_m``, Mindlin's ratio for an
     incompressible half-space) until Coulomb's ``friction`` is reached, then the tip slips, in any direction of the
     plane. ``side_stiffness_n_per_m2``: spring, per metre of length, against the shaft's side, without friction or
     damping; 0: the shaft passes through the wall.
 
-    Raises ValueError where a value has no physical meaning.
+    Raises:
+        ValueError: a value has no physical meaning.
     """
 
     normal: FloatArray
@@ -81,12 +90,12 @@ class SpatialWall:
 
     @property
     def tangential_n_per_m(self) -> float:
-        """Stiffness along the wall while the tip sticks."""
+        """Stiffness along the wall during stick."""
         return self.stiffness_n_per_m * 2 / 3 if self.shear_n_per_m is None else self.shear_n_per_m
 
     @property
     def axes(self) -> FloatArray:
-        """(3, 3), rows: d, and two directions of the plane; the first of them is z x d where that exists."""
+        """Rows (3, 3): d, and two directions of the plane; the first of them is z x d if that exists."""
         d = np.asarray(self.normal)
         across = np.array([-d[1], d[0], 0.0])
         size = float(np.linalg.norm(across))
@@ -95,7 +104,7 @@ class SpatialWall:
         return np.stack([d, first, np.cross(d, first)])
 
     def normals_at(self, places_m: FloatArray) -> FloatArray:
-        """(m, 3): directions into the wall of its face nearest to ``places_m`` (m, 3), counted from its point."""
+        """Returns the directions (m, 3) into the wall, at its points nearest to ``places_m`` (m, 3) from the apex."""
         return face_normals(self.axes, self.face_radius_m, places_m)
 
 
@@ -103,12 +112,21 @@ class SpatialWall:
 class SpatialContact:
     """The rod at m instants, base frame.
 
-    ``quaternions`` (m, segments + 1, 4), see `SpatialRod.unloaded_quaternions`; ``advance_m`` (m,): the clamp along x.
-    ``force_n`` (m, 3): what the wall does to the electrode's dome, at ``touch_m`` (m, 3); ``side_force_n`` (m, 3): what
-    it does to the shaft's side. ``reaction_force_n``, ``reaction_moment_nm`` (m, 3): what the clamp does to the rod,
-    about the clamp, the moment taken from the shaft's strain. ``indentation_m`` (m,): indentation of the wall, which
-    outlasts the contact where there is damping. ``touching``, ``slipping`` (of the dome), ``converged``, ``stable``
-    (m,); a sticking tip counts as held by its tie.
+    Attributes:
+        rod: the rod.
+        wall: the wall.
+        quaternions: (m, segments + 1, 4), see `SpatialRod.unloaded_quaternions`.
+        advance_m: (m,) advance of the clamp along x.
+        force_n: (m, 3) force of the wall on the electrode's dome.
+        touch_m: (m, 3) point at which it acts.
+        side_force_n: (m, 3) force of the wall on the shaft's side.
+        reaction_force_n: (m, 3) force of the clamp on the rod.
+        reaction_moment_nm: (m, 3) moment of the clamp on the rod, about the clamp, from the shaft's strain.
+        indentation_m: (m,) indentation of the wall, which remains after the contact if there is damping.
+        touching: (m,) whether the dome touches.
+        slipping: (m,) whether the dome slips.
+        converged: (m,) whether an equilibrium was found.
+        stable: (m,) whether it is a minimum, with a sticking tip tied to the wall.
     """
 
     rod: SpatialRod
@@ -127,30 +145,40 @@ class SpatialContact:
     stable: BoolArray
 
     def nodes_m(self) -> FloatArray:
-        """(m, segments + 2, 3): clamp, segment ends, tip of the electrode."""
+        """Returns the nodes (m, segments + 2, 3): clamp, segment ends, tip of the electrode."""
         return self.rod.nodes_m(self.quaternions, self.advance_m)
 
     def frames(self) -> FloatArray:
-        """(m, segments + 1, 3, 3): material frames of the segments and of the electrode, in columns."""
+        """Returns the material frames (m, segments + 1, 3, 3) of the segments and of the electrode, in columns."""
         return frames_of(self.quaternions)
 
     def tip_axes(self, rows: BoolArray | IntArray) -> FloatArray:
-        """(k, 3): the electrode's direction at ``rows``."""
+        """Returns the electrode's direction (k, 3) at ``rows``."""
         return frames_of(self.quaternions[rows, -1])[..., 0]
 
 
 class SpatialContactSolver:
-    """A rod and a wall that are moved instant by instant: for a closed loop that commands the motion live.
+    """A rod and a wall that are moved instant by instant: for a closed loop with live commands.
 
-    ``dt_s`` is the time between instants and matters with damping and creep only. The electrode ends in a ball of
-    ``tip_radius_m``, which is the shaft's radius too. ``distributed_n_per_m``: dead load along the whole length, (3,)
-    or (segments + 1, 3). ``creep``: the shaft is a standard linear solid on the strain against its pre-curvature: a
-    spring ``creep`` times as stiff as EI and GJ lies beside the shaft and goes slack with the time constant
-    ``creep_time_s``, so that under a fixed strain the moment falls by creep / (1 + creep), under a fixed moment the
-    strain grows by ``creep``, and what is left in the end is the rod of `solve_static_spatial`.
+    With ``creep`` the shaft is a standard linear solid on the strain relative to its pre-curvature: a spring, ``creep``
+    times as stiff as EI and GJ, is parallel to the shaft and relaxes with the time constant ``creep_time_s``. Under a
+    fixed strain the moment falls by creep / (1 + creep), under a fixed moment the strain grows by ``creep``, and the
+    final state is the rod of `solve_static_spatial`.
 
-    The first instant is reached from the rod hanging free for long, so it should be without contact, and steps should
-    be short beside the ball. Raises ValueError where a value has no physical meaning.
+    The first instant starts from the free rod after complete creep, so it should be without contact. Steps should be
+    short compared with the ball.
+
+    Args:
+        rod: the rod.
+        wall: the wall.
+        dt_s: time between instants; it matters with damping and creep only.
+        tip_radius_m: radius of the ball at the electrode's end, and of the shaft.
+        distributed_n_per_m: dead load along the whole length, (3,) or (segments + 1, 3).
+        creep: relative stiffness of the parallel spring.
+        creep_time_s: its time constant.
+
+    Raises:
+        ValueError: a value has no physical meaning.
 
     >>> wall = SpatialWall(np.array([0.6, 0.8, 0.0]), 120.0)
     >>> solver = SpatialContactSolver(SpatialRod(0.04, 4.3e-4, 0.008), wall, 1e-3, 1e-3)
@@ -207,7 +235,7 @@ class SpatialContactSolver:
         self._work = make_work(rod.segments + 1, 3 + (rod.segments if wall.side_stiffness_n_per_m2 > 0 else 0))
 
     def change_step(self, dt_s: float) -> None:
-        """From now on ``dt_s`` is the time between instants. Raises ValueError where it is not positive."""
+        """Sets ``dt_s``, the time between instants, from now on. Raises ValueError if it is not positive."""
         if not dt_s > 0:
             raise ValueError(f"expected positive dt_s, got {dt_s}")
         relaxing = dt_s / self._creep_time_s
@@ -220,12 +248,12 @@ class SpatialContactSolver:
         precurvature_change_per_m: FloatArray | None = None,
         advance_m: FloatArray | None = None,
     ) -> SpatialContact:
-        """Solves the next m instants, each from the one before; the first goes on from the last call.
+        """Solves the next m instants, each from the one before; the first continues from the last call.
 
         Args:
-            wall_m: (m, 3) a point of the wall's undeformed surface, which the tissue carries along.
+            wall_m: (m, 3) a point of the wall's undeformed surface, which moves with the tissue.
             precurvature_change_per_m: (m, 3) is added to the rod's own pre-curvature in every joint.
-            advance_m: (m,) how far the clamp has moved along the base tangent.
+            advance_m: (m,) advance of the clamp along the base tangent.
 
         Returns:
             One equilibrium for each instant.
@@ -268,6 +296,15 @@ class SpatialContactSolver:
     def step(
         self, wall_m: FloatArray, precurvature_change_per_m: FloatArray | None = None, advance_m: float = 0.0
     ) -> SpatialContact:
-        """The next instant, as a row of one: ``wall_m`` (3,), ``precurvature_change_per_m`` (3,)."""
+        """Solves the next instant; see `run`.
+
+        Args:
+            wall_m: (3,) a point of the wall's undeformed surface.
+            precurvature_change_per_m: (3,) is added to the rod's own pre-curvature.
+            advance_m: advance of the clamp along the base tangent.
+
+        Returns:
+            The equilibrium, as one row.
+        """
         change = None if precurvature_change_per_m is None else np.asarray(precurvature_change_per_m)[None]
         return self.run(np.asarray(wall_m)[None], change, np.array([advance_m]))

@@ -1,4 +1,4 @@
-"""How the centreline of a catheter in contact moves with all that is uncertain of it, instant by instant."""
+"""Derivatives of the centreline of a catheter in contact with all uncertain parameters, at each instant."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -27,12 +27,16 @@ _COLUMNS = {
 class ContactDerivatives:
     """First derivatives of a centreline at m instants; base frame.
 
-    ``centreline_m`` (m, points, 3). ``slopes`` (m, points, 3, columns); ``columns``: name -> its columns.
-    "force": m/N, 3 of them, where it acts. "moment": m/(N m) on the electrode, 3. "precurvature": m per 1/m about y and
-    z of the material frame, the same all along. "length": m/m of the flexible shaft, curvature and stiffness kept.
-    "creep": m per unit of the relative change of what the shaft crept by. "stiffness": m per unit of relative change
-    of EI and GJ, one for each pattern. ``stable`` (m,): where an equilibrium was found that is a minimum; elsewhere
-    the row means nothing.
+    "force": m/N, 3 columns, force at the point of contact. "moment": m/(N m) on the electrode, 3. "precurvature": m per
+    1/m about y and z of the material frame, the same all along. "length": m/m of the flexible shaft, at constant
+    curvature and stiffness. "creep": m per unit of the relative change of the crept strain. "stiffness": m per unit of
+    relative change of EI and GJ, one for each pattern.
+
+    Attributes:
+        centreline_m: (m, points, 3) centrelines.
+        slopes: (m, points, 3, columns) derivatives.
+        columns: columns of each parameter, by name.
+        stable: (m,) whether an equilibrium was found that is a minimum; otherwise the row has no meaning.
     """
 
     centreline_m: FloatArray
@@ -41,7 +45,7 @@ class ContactDerivatives:
     stable: BoolArray
 
     def __getitem__(self, name: str) -> FloatArray:
-        """(m, points, 3, c): the columns called ``name``."""
+        """Returns the columns (m, points, 3, c) of the parameter ``name``."""
         return self.slopes[..., self.columns[name]]
 
 
@@ -59,14 +63,24 @@ def contact_derivatives(
     creep: float = 0.0,
     creep_time_s: float = 1.0,
 ) -> ContactDerivatives:
-    """Equilibria of ``rod`` under known forces, and the derivatives of their centrelines by implicit functions.
+    """Solves equilibria of ``rod`` under known forces, and the derivatives of their centrelines by implicit functions.
 
-    ``lines_m`` (m, p, 3): centrelines, uniform in arc length, roughly as they are: they tell which of several
-    equilibria is meant. ``force_n`` (m, 3) acts at ``touch_m`` (m, 3) of the electrode's dome, whose radius is
-    ``tip_radius_m``. ``points``: how many along the centreline, evenly, or their arc lengths.
-    ``precurvature_change_per_m`` (m, 3): as in `SpatialContactSolver.run`. ``stiffness_patterns`` (patterns,
-    segments + 1): relative change of the stiffness in each joint; None: one, the same all along. With ``creep`` (as in
-    `SpatialContactSolver`) the strains at ``time_s`` (m,) are taken to last until the next instant.
+    Args:
+        rod: the rod.
+        lines_m: (m, p, 3) approximate centrelines, uniform in arc length: they select one of several equilibria.
+        force_n: (m, 3) force of the wall on the electrode's dome.
+        touch_m: (m, 3) point at which it acts.
+        points: number of points along the centreline, evenly spaced, or their arc lengths.
+        tip_radius_m: radius of the dome.
+        precurvature_change_per_m: (m, 3), see `SpatialContactSolver.run`.
+        stiffness_patterns: (patterns, segments + 1) relative change of the stiffness in each joint; None: one pattern,
+            the same all along.
+        time_s: (m,) instants; with creep each strain lasts until the next instant.
+        creep: relative stiffness of the creeping spring, see `SpatialContactSolver`.
+        creep_time_s: its time constant.
+
+    Returns:
+        Centrelines and derivatives.
 
     >>> rod = SpatialRod(0.05, 4.3e-4, segments=100)
     >>> line = np.linspace(0, 1, 11)[None, :, None] * [0.05, 0.0, 0.0]
@@ -85,7 +99,7 @@ def contact_derivatives(
     times = np.arange(m, dtype=np.float64) if time_s is None else frozen("time_s", time_s, (m,))
     axis = lines[:, -1] - lines[:, -2]
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    # Where nothing touches, the place means nothing: the arm is none.
+    # Without contact the point has no meaning: the arm is 0.
     in_contact = np.any(force != 0.0, axis=1)
     arm = np.where(in_contact[:, None], touch - (lines[:, -1] - tip_radius_m * axis), 0.0)
     rows = Rows(
@@ -124,9 +138,9 @@ _ARRAYS = ("span", "ei", "gj", "rest", "reach", "memory")
 
 
 def orientations_along(rod: SpatialRod, lines_m: FloatArray) -> FloatArray:
-    """(m, segments + 1, 4): orientations of the elements along centrelines (m, p, 3), uniform in arc length.
+    """Returns the orientations (m, segments + 1, 4) of the elements along centrelines (m, p, 3), uniform in arc length.
 
-    Each frame is turned on from the one before by the shortest way, so there is no twist but that of the curve.
+    Each frame is the one before, turned by the smallest rotation, so there is no twist except that of the curve.
     """
     lengths = rod.element_lengths_m
     place = np.concatenate([[0.0], np.cumsum(lengths)]) / rod.length_m * (lines_m.shape[1] - 1)
@@ -135,7 +149,7 @@ def orientations_along(rod: SpatialRod, lines_m: FloatArray) -> FloatArray:
     nodes = lines_m[:, low] * (1 - share) + lines_m[:, low + 1] * share
     tangents = np.diff(nodes, axis=1)
     if rod.rigid_length_m == 0.0:
-        tangents[:, -1] = tangents[:, -2]  # no length has no direction: the shaft's end has
+        tangents[:, -1] = tangents[:, -2]  # an electrode of no length has the direction of the shaft's end
     tangents /= np.linalg.norm(tangents, axis=2, keepdims=True)
     q = np.empty((len(lines_m), rod.segments + 1, 4))
     now, before = np.tile([1.0, 0.0, 0.0, 0.0], (len(lines_m), 1)), np.tile([1.0, 0.0, 0.0], (len(lines_m), 1))
@@ -153,16 +167,16 @@ def orientations_along(rod: SpatialRod, lines_m: FloatArray) -> FloatArray:
 
 _FORCE, _MOMENT, _REST, _LENGTH, _CREEP, _PATTERNS = 0, 3, 6, 8, 9, 10
 """First columns of: force (3), moment (3), rest strain about y and z (2), length, creep, stiffness patterns."""
-_SHARE = 1e-5
-"""Of the length, for its central difference."""
+_LENGTH_STEP_SHARE = 1e-5
+"""Step of the central difference, as a share of the length."""
 
 
 class Rows(NamedTuple):
-    """A row for each equilibrium: ``q`` (m, k, 4) to start from, ``change`` (m, 3) of the pre-curvature.
+    """One row per equilibrium: ``q`` (m, k, 4), the start; ``change`` (m, 3) of the pre-curvature.
 
-    ``force``, ``moment``, ``arm`` (m, 3): at the lever's end, on the electrode, and from the lever's end to where the
-    force acts: what the moment changes by when the force does. ``relaxing`` (m,): time until the next row over the
-    creep's time constant, as `creep_on` takes it.
+    ``force``, ``moment``, ``arm`` (m, 3): force at the lever's end, moment on the electrode, and vector from the
+    lever's end to the point of the force: the derivative of the moment with the force. ``relaxing`` (m,): time until
+    the next row over the creep's time constant, see `creep_on`.
     """
 
     q: FloatArray
@@ -174,9 +188,9 @@ class Rows(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Points of the centreline: each in which ``element`` (n,), and how far along it ``beyond`` (n,).
+    """Points of the centreline: the ``element`` (n,) of each point, and the distance ``beyond`` (n,) along it.
 
-    ``lengths`` (k,): of the elements; ``flexible``: of the shaft, whose last element but one ends it.
+    ``lengths`` (k,): lengths of the elements; ``flexible``: length of the shaft, which ends with the last but one.
     """
 
     element: IntArray
@@ -186,7 +200,7 @@ class Places(NamedTuple):
 
 
 class Spare(NamedTuple):
-    """Room: a second rod to differ from, a load of one unit, right-hand sides (C, 3k), and the nodes' moves."""
+    """Buffers: a second rod for differences, a unit load, right-hand sides (C, 3k), and the nodes' derivatives."""
 
     rod: Elastic
     unit: Load
@@ -197,7 +211,7 @@ class Spare(NamedTuple):
 
 @compiled
 def _differ(q: FloatArray, other: Elastic, load: Load, here: FloatArray, work: Work, side: FloatArray) -> None:
-    """``side`` = the gradient that is kept in ``here`` less that of ``other``."""
+    """Computes ``side`` = the gradient in ``here`` minus that of ``other``."""
     assemble(q, other, load, NO_TOUCH, work)
     for r in range(here.shape[0]):
         side[r] = here[r] - work.gradient[r]
@@ -215,7 +229,7 @@ def _fill_sides(
     q: FloatArray, rod: Elastic, load: Load, arm: FloatArray, patterns: FloatArray, flexible: float, spare: Spare,
     work: Work,
 ) -> None:  # fmt: skip
-    """``spare.sides``: -dg/dp of every unknown."""
+    """Computes ``spare.sides``: -dg/dp of every unknown."""
     k, sides, here, other = q.shape[0], spare.sides, spare.here, spare.rod
     force, moment = spare.unit.force, spare.unit.moment
     for r in range(3 * k):
@@ -229,9 +243,9 @@ def _fill_sides(
         add_pull(q, rod, spare.unit, sides[_MOMENT + axis])
         moment[axis] = 0.0
 
-    # A length's change is no linear matter: a central difference, the shorter rod's gradient kept meanwhile.
+    # The gradient is not linear in the length: a central difference, with the gradient of the shorter rod in ``here``.
     for sign in range(2):
-        share = 1.0 + (2 * sign - 1) * _SHARE
+        share = 1.0 + (2 * sign - 1) * _LENGTH_STEP_SHARE
         for i in range(k):
             other.span[i] = rod.span[i] * share
             other.reach[i] = rod.reach[i] * (share if i < k - 1 else 1.0)
@@ -241,7 +255,7 @@ def _fill_sides(
             _keep(q, scaled, load, work, here)
         else:
             _differ(q, scaled, load, here, work, sides[_LENGTH])
-    scale = 0.5 / (_SHARE * flexible)
+    scale = 0.5 / (_LENGTH_STEP_SHARE * flexible)
     for r in range(3 * k):
         sides[_LENGTH, r] *= scale
 
@@ -270,7 +284,7 @@ def _fill_sides(
 
 @compiled
 def _walk(q: FloatArray, places: Places, spare: Spare, points: FloatArray, slopes: FloatArray) -> None:
-    """Places (n, 3) and their slopes (n, 3, C) from the elements' turns, which stand in ``spare.sides``."""
+    """Computes points (n, 3) and their derivatives (n, 3, C) from the elements' turns in ``spare.sides``."""
     sides, moves = spare.sides, spare.moves
     columns, n = sides.shape[0], places.element.shape[0]
     for c in range(columns):
@@ -310,9 +324,9 @@ def slope_rows(
     rows: Rows, rod: Elastic, load: Load, base_rest: FloatArray, patterns: FloatArray, places: Places, spare: Spare,
     work: Work, points: FloatArray, slopes: FloatArray, good: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill ``points`` (m, n, 3), ``slopes`` (m, n, 3, C) and ``good`` (m,): 1 where a stable shape was found.
+    """Fills ``points`` (m, n, 3), ``slopes`` (m, n, 3, C) and ``good`` (m,): 1 if a stable shape was found.
 
-    ``rod.rest``, ``rod.memory`` and ``load`` are written over; the memory goes on from what it holds.
+    ``rod.rest``, ``rod.memory`` and ``load`` are overwritten; the memory continues from its present values.
     """
     for row in range(rows.q.shape[0]):
         q = rows.q[row]
@@ -323,7 +337,7 @@ def slope_rows(
             load.force[j], load.moment[j] = rows.force[row, j], rows.moment[row, j]
         out = relax(q, rod, load, NO_TOUCH, work, TOLERANCE)
         good[row] = 1.0 if out.converged and out.stable else 0.0
-        # `relax` leaves the factors at ``q`` in ``work``; assembling does not touch them.
+        # `relax` leaves the factors at ``q`` in ``work``; `assemble` does not change them.
         _fill_sides(q, rod, load, rows.arm[row], patterns, places.flexible, spare, work)
         for c in range(spare.sides.shape[0]):
             solve_factorised(work, 0, spare.sides[c])

@@ -1,7 +1,7 @@
 """Energy of the spatial rod with its contact, its gradient and its Hessian.
 
-The unknowns are small turns of the elements. A turn w_i acts in the element's own frame, R_i -> R_i exp(w_i). Second
-derivatives are those of the energy along such turns, complete: the block-tridiagonal part goes into the band, each
+The unknowns are small turns of the elements. A turn w_i is in the element's own frame, R_i -> R_i exp(w_i). Second
+derivatives are those of the energy along such turns, complete: the block-tridiagonal part is in the band, and each
 contact spring adds a term of rank one.
 """
 
@@ -11,18 +11,18 @@ from ...types import FloatArray
 from ._compile import compiled
 from ._state import Elastic, Load, Touch, Work
 
-_SMALL = 0.02
-"""Squared sine of half the angle below which series take over: they are exact to rounding there."""
+_SERIES_SINE2 = 0.02
+"""Below this squared sine of half the angle, series are used: they are exact to rounding there."""
 
 
-_STRAIGHT = 6.0
-"""An exponential law is followed to this many times the depth in which it grows by e."""
+_MAX_GROWTH_DEPTHS = 6.0
+"""From this many times the depth in which it grows by e, an exponential law continues as its tangent."""
 
 
 @compiled
 def log_scale(sine2: float, cosine: float) -> float:
-    """Factor from v to the rotation vector, for the unit quaternion (cosine, v) with v.v = sine2 and cosine >= 0."""
-    if sine2 < _SMALL:
+    """Returns the factor from v to the rotation vector, for a unit quaternion (cosine, v), v.v = sine2, cosine >= 0."""
+    if sine2 < _SERIES_SINE2:
         s = sine2
         tail = s * (35 / 1152 + s * (63 / 2816 + s * (231 / 13312 + s * 143 / 10240)))
         return 2.0 + s * (1 / 3 + s * (3 / 20 + s * (5 / 56 + 2.0 * tail)))
@@ -32,12 +32,12 @@ def log_scale(sine2: float, cosine: float) -> float:
 
 @compiled
 def log_factors(angle2: float, sine2: float, cosine: float) -> tuple[float, float]:
-    """k(a) = (1 - (a/2) cot(a/2)) / a^2 of the rotation angle a, and k'(a) / a.
+    """Returns k(a) = (1 - (a/2) cot(a/2)) / a^2 of the rotation angle a, and k'(a) / a.
 
     1 + phi x / 2 + k phi x (phi x .) is the inverse of the rotation vector's right Jacobian (Bullo and Murray 1995).
     """
     a2 = angle2
-    if sine2 < _SMALL:
+    if sine2 < _SERIES_SINE2:
         k = 1 / 12 + a2 * (1 / 720 + a2 * (1 / 30240 + a2 * (1 / 1209600 + a2 / 47900160)))
         return k, 1 / 360 + a2 * (1 / 7560 + a2 * (1 / 201600 + a2 / 5987520))
     angle, sine = math.sqrt(a2), math.sqrt(sine2)
@@ -49,7 +49,7 @@ def log_factors(angle2: float, sine2: float, cosine: float) -> tuple[float, floa
 
 @compiled
 def joint_energy(ei: float, gj: float, soft: float, u: tuple, rest: tuple, memory: tuple, maxwell: float) -> float:  # type: ignore[type-arg]
-    """Energy per metre at the strain u; ``maxwell``: share of EI and GJ of the spring that has crept to ``memory``."""
+    """Returns the energy per metre at the strain u; ``maxwell``: relative stiffness of the spring with ``memory``."""
     e0, e1, e2 = u[0] - rest[0], u[1] - rest[1], u[2] - rest[2]
     total = 0.5 * (gj * e0 * e0 + ei * (e1 * e1 + e2 * e2))
     if soft > 0.0:
@@ -72,7 +72,7 @@ def joint_moment(
     memory: tuple,  # type: ignore[type-arg]
     maxwell: float,
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Gradient (3) of `joint_energy`, and its second derivatives 00, 11, 12, 22 (01 and 02 vanish)."""
+    """Returns the gradient (3) of `joint_energy`, and its second derivatives 00, 11, 12, 22 (01 and 02 vanish)."""
     e0, e1, e2 = u[0] - rest[0], u[1] - rest[1], u[2] - rest[2]
     more = 1.0 + maxwell
     g0 = gj * (more * e0 - maxwell * memory[0])
@@ -95,13 +95,13 @@ def joint_moment(
 
 @compiled
 def exponential_spring(stiffness: float, growth: float, depth: float) -> tuple[float, float, float]:
-    """Force, slope and energy of tissue that stiffens exponentially (Fung): c (exp(``growth`` depth) - 1).
+    """Returns force, slope and energy of tissue that stiffens exponentially (Fung): c (exp(``growth`` depth) - 1).
 
-    ``stiffness`` is the secant's at depth 1 / ``growth``, which fixes c. From `_STRAIGHT` such depths on it goes on
-    along its tangent: no trial of Newton's method overflows.
+    ``stiffness`` is that of the secant at depth 1 / ``growth``, which determines c. From `_MAX_GROWTH_DEPTHS` such
+    depths on it continues along its tangent: no trial of Newton's method overflows.
     """
     scale = stiffness / (growth * (math.e - 1.0))
-    over = max(growth * depth - _STRAIGHT, 0.0)
+    over = max(growth * depth - _MAX_GROWTH_DEPTHS, 0.0)
     bend = growth * depth - over
     rise = math.exp(bend)
     force = scale * (rise - 1.0 + rise * over)
@@ -111,7 +111,7 @@ def exponential_spring(stiffness: float, growth: float, depth: float) -> tuple[f
 
 @compiled
 def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
-    """Normal force of the dome, its slope with the depth, and its energy from ``touch.rest`` on."""
+    """Returns the normal force of the dome, its slope with the depth, and its energy from ``touch.rest`` on."""
     if not (touch.active and depth > touch.rest):
         return 0.0, 0.0, 0.0
     over, since, base = depth - touch.indentation, depth - touch.rest, touch.rest - touch.indentation
@@ -136,7 +136,7 @@ def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
 
 @compiled
 def tangential_force(touch: Touch, normal: float, first: float, second: float) -> tuple[float, float, bool]:
-    """What the wall does to the dome along t1 and t2, and whether it slips there."""
+    """Returns the wall's force on the dome along t1 and t2, and whether it slips there."""
     if touch.kt <= 0.0:
         return touch.drag[0], touch.drag[1], False
     t1, t2 = -touch.kt * first, -touch.kt * second
@@ -148,7 +148,7 @@ def tangential_force(touch: Touch, normal: float, first: float, second: float) -
 
 @compiled
 def tip_at(q: FloatArray, rod: Elastic, tangent: FloatArray) -> tuple[float, float, float]:
-    """The lever's end less the clamp; leaves the elements' directions in ``tangent`` (k, 3)."""
+    """Returns the lever's end relative to the clamp; fills ``tangent`` (k, 3) with the elements' directions."""
     px = py = pz = 0.0
     for i in range(q.shape[0]):
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
@@ -163,7 +163,7 @@ def tip_at(q: FloatArray, rod: Elastic, tangent: FloatArray) -> tuple[float, flo
 
 @compiled
 def contact_at(q: FloatArray, px: float, py: float, pz: float, touch: Touch) -> tuple[float, float, float]:
-    """Depth of the dome, and the way of its touching point from ``touch.zero`` along t1 and t2, rolling counted."""
+    """Returns the dome's depth, and the way of its touching point (it rolls) along t1 and t2 from ``touch.zero``."""
     axes, last = touch.axes, q.shape[0] - 1
     w, x, y, z = q[last, 0], q[last, 1], q[last, 2], q[last, 3]
     a, b, c = touch.arm[0], touch.arm[1], touch.arm[2]
@@ -178,7 +178,7 @@ def contact_at(q: FloatArray, px: float, py: float, pz: float, touch: Touch) -> 
 
 @compiled
 def energy_at(q: FloatArray, rod: Elastic, load: Load, touch: Touch, tangent: FloatArray) -> float:
-    """Elastic energy less the work of the dead forces, at the orientations ``q`` (k, 4). A moment has no energy."""
+    """Returns the elastic energy minus the work of the dead forces, at ``q`` (k, 4). A moment has no energy."""
     total = 0.0
     w0, x0, y0, z0 = 1.0, 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
@@ -216,14 +216,14 @@ def energy_at(q: FloatArray, rod: Elastic, load: Load, touch: Touch, tangent: Fl
 
 @compiled
 def unturned(w: float, x: float, y: float, z: float, a: float, b: float, c: float) -> tuple[float, float, float]:
-    """The vector (a, b, c), base frame, in the frame of the quaternion (w, x, y, z)."""
+    """Returns the vector (a, b, c), base frame, in the frame of the quaternion (w, x, y, z)."""
     u, v, s = y * c - z * b - w * a, z * a - x * c - w * b, x * b - y * a - w * c
     return a + 2.0 * (y * s - z * v), b + 2.0 * (z * u - x * s), c + 2.0 * (x * v - y * u)
 
 
 @compiled
 def add_pull(q: FloatArray, rod: Elastic, load: Load, out: FloatArray) -> None:
-    """Add to ``out`` (3k,) what the dead loads do to each element's turn: minus their part of the gradient."""
+    """Adds to ``out`` (3k,) the moments of the dead loads on each element: minus their part of the gradient."""
     fx, fy, fz = load.force[0], load.force[1], load.force[2]
     last = q.shape[0] - 1
     for i in range(last + 1):
@@ -241,7 +241,7 @@ def add_pull(q: FloatArray, rod: Elastic, load: Load, out: FloatArray) -> None:
 
 @compiled
 def _add_joints(q: FloatArray, rod: Elastic, gradient: FloatArray, band: FloatArray) -> None:
-    """Elastic part; overwrites ``gradient`` and ``band``."""
+    """Computes the elastic part; overwrites ``gradient`` and ``band``."""
     w0, x0, y0, z0 = 1.0, 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
@@ -323,7 +323,7 @@ def _add_joints(q: FloatArray, rod: Elastic, gradient: FloatArray, band: FloatAr
 
 @compiled
 def _hold(touch: Touch, normal: float, slope: float, first: float, second: float, work: Work, m: int) -> None:
-    """Fill the stiffness of the tangential force into ``work.firm``, whose last two rows are t1 and t2."""
+    """Fills the stiffness of the tangential force into ``work.firm``, whose last two rows are t1 and t2."""
     firm, i, j = work.firm, m - 2, m - 1
     _, _, slips = tangential_force(touch, normal, first, second)
     if not slips:
@@ -338,7 +338,7 @@ def _hold(touch: Touch, normal: float, slope: float, first: float, second: float
 
 @compiled
 def _add_arm(fx: float, fy: float, fz: float, arm: FloatArray, r: int, gradient: FloatArray, band: FloatArray) -> None:
-    """A dead force, given in the electrode's frame, at ``arm`` from its lever's end."""
+    """Adds a dead force, given in the electrode's frame, at ``arm`` from its lever's end."""
     a, b, c = arm[0], arm[1], arm[2]
     gradient[r] -= b * fz - c * fy
     gradient[r + 1] -= c * fx - a * fz
@@ -354,10 +354,10 @@ def _add_arm(fx: float, fy: float, fz: float, arm: FloatArray, r: int, gradient:
 
 @compiled
 def assemble(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) -> tuple[float, int, int]:
-    """Fill ``work``'s gradient, hessian, skew, rows and firm; returns max |gradient|, the rows and those in slip.
+    """Fills ``work``'s gradient, hessian, skew, rows and firm; returns max |gradient|, the rows and those in slip.
 
-    The rows are: the dome's depth, the touched nodes' depths, the dome's way along t1 and t2; those that have no
-    stiffness are left out.
+    The rows are: the dome's depth, the touched nodes' depths, the dome's way along t1 and t2; those without stiffness
+    are left out.
     """
     gradient, band, rows, firm = work.gradient, work.hessian, work.rows, work.firm
     last = q.shape[0] - 1
@@ -437,7 +437,7 @@ def assemble(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) 
             gradient[r] -= m0
             gradient[r + 1] -= m1
             gradient[r + 2] -= m2
-            # The moment's own derivative is unsymmetric; with the frame's turn one half is left at an equilibrium.
+            # The moment's own derivative is unsymmetric; with the frame's turn one half remains at an equilibrium.
             work.skew[0], work.skew[1], work.skew[2] = -0.5 * m0, -0.5 * m1, -0.5 * m2
             if touch.active and (t1 != 0.0 or t2 != 0.0):
                 h0, h1, h2 = unturned(w, x, y, z, hx, hy, hz)

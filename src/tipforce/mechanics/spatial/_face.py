@@ -1,4 +1,4 @@
-"""The tissue's face: flat, or part of a sphere; what stands for it in one instant is its tangent plane."""
+"""The tissue's face, flat or part of a sphere; at one instant its tangent plane is used."""
 
 import math
 
@@ -7,20 +7,20 @@ import numpy as np
 from ...types import FloatArray
 from ._compile import compiled
 
-_STEEPEST = math.asin(0.6)
-"""The sphere ends where its normal leans by this (some 37 degrees); from there the face goes on straight, as a cone."""
+_MAX_LEAN_RAD = math.asin(0.6)
+"""The sphere ends at this angle of its normal (some 37 degrees); from there on the face is straight, as a cone."""
 
 
 @compiled
 def face_axes(axes: FloatArray, radius: float, place: FloatArray, turned: FloatArray) -> float:
-    """Fill ``turned`` (3, 3) with the directions of the face nearest to ``place`` (3,), counted from its apex.
+    """Fills ``turned`` (3, 3) with the directions of the face nearest to ``place`` (3,), relative to its apex.
 
-    ``axes`` (3, 3): rows d (into the tissue), t1, t2 at the apex; ``turned``: the same by the least turn that brings d
-    to the normal there. ``radius``: of the sphere, positive for a convex face, negative for a concave one. Returns
-    where the tangent plane stands along its own normal, from the apex.
+    ``axes`` (3, 3): rows d (into the tissue), t1, t2 at the apex; ``turned``: the same, rotated by the smallest
+    rotation from d to the normal there. ``radius``: radius of the sphere, positive for a convex face, negative for a
+    concave one. Returns the position of the tangent plane along its own normal, from the apex.
     """
     side = math.copysign(1.0, radius)
-    # from the dome to the sphere's centre where the face is convex, the other way where it is concave
+    # from the dome to the sphere's centre if the face is convex, opposite if it is concave
     deep, first, second = radius, 0.0, 0.0
     for k in range(3):
         deep -= axes[0, k] * place[k]
@@ -28,7 +28,7 @@ def face_axes(axes: FloatArray, radius: float, place: FloatArray, turned: FloatA
         second -= axes[2, k] * place[k]
     deep, first, second = side * deep, side * first, side * second
     aside = math.hypot(first, second)
-    lean = min(math.atan2(aside, deep), _STEEPEST)
+    lean = min(math.atan2(aside, deep), _MAX_LEAN_RAD)
     first, second = (first / aside, second / aside) if aside > 0.0 else (1.0, 0.0)
     c, s = math.cos(lean), math.sin(lean)
     for k in range(3):
@@ -50,7 +50,7 @@ def _normals(axes: FloatArray, radius: float, places: FloatArray, normals: Float
 
 
 def face_normals(axes: FloatArray, radius_m: float | None, places_m: FloatArray) -> FloatArray:
-    """(m, 3): directions into the tissue nearest to ``places_m`` (m, 3), counted from the face's apex."""
+    """Returns the directions (m, 3) into the tissue nearest to ``places_m`` (m, 3), relative to the face's apex."""
     normals = np.tile(axes[0], (len(places_m), 1))
     if radius_m is not None:
         _normals(axes, radius_m, np.ascontiguousarray(places_m, np.float64), normals)
@@ -58,13 +58,20 @@ def face_normals(axes: FloatArray, radius_m: float | None, places_m: FloatArray)
 
 
 def face_depths(radius_m: float, aside_m: FloatArray) -> FloatArray:
-    """How far into the tissue the face lies at ``aside_m`` from its apex; negative where a concave one stands out.
+    """Returns the depth of the face in the tissue at ``aside_m`` from its apex; negative for a concave face.
+
+    Args:
+        radius_m: radius of the sphere, positive for a convex face.
+        aside_m: (m,) distances from the apex along its tangent plane.
+
+    Returns:
+        (m,) depths.
 
     >>> face_depths(0.015, np.array([0.0, 0.009, 0.013])).round(6)
     array([0.   , 0.003, 0.006])
     """
     size = abs(radius_m)
-    edge = size * math.sin(_STEEPEST)
+    edge = size * math.sin(_MAX_LEAN_RAD)
     aside = np.abs(aside_m)
     ball = size - np.sqrt(size * size - np.minimum(aside, edge) ** 2)
-    return math.copysign(1.0, radius_m) * (ball + np.maximum(aside - edge, 0.0) * math.tan(_STEEPEST))
+    return math.copysign(1.0, radius_m) * (ball + np.maximum(aside - edge, 0.0) * math.tan(_MAX_LEAN_RAD))

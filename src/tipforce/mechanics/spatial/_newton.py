@@ -1,8 +1,8 @@
 """Newton's method on the spatial rod, and the continuation from the unloaded shape to the whole load.
 
-The Hessian is 3x3 block-tridiagonal. It is kept as a band of half width 5: row r of ``band`` (3k, 6) holds H[r, r],
+The Hessian is 3x3 block-tridiagonal. It is stored as a band of half width 5: row r of ``band`` (3k, 6) holds H[r, r],
 H[r, r + 1], ... H[r, r + 5] before, and D[r], L[r + 1, r], ... after the factorisation H = L D L'. The last block is
-kept apart as its inverse, because a dead moment makes it unsymmetric.
+stored separately as its inverse, because a dead moment makes it unsymmetric.
 """
 
 import math
@@ -21,10 +21,10 @@ WIDTH = 6
 
 @compiled
 def factorise(band: FloatArray, shift: float, skew: FloatArray, tail: FloatArray) -> int:
-    """H + shift -> L D L' in place; returns the number of negative eigenvalues of the symmetric part.
+    """Factorises H + shift = L D L' in place; returns the number of negative eigenvalues of the symmetric part.
 
     ``skew`` (3,): the axial vector of the unsymmetric part of the last block, which goes into ``tail`` (3, 3), the
-    inverse of what is left of that block. A vanishing pivot is taken as a tiny positive one.
+    inverse of the remaining block. A pivot of 0 is replaced by a tiny positive one.
     """
     size = band.shape[0]
     body = size - 3
@@ -72,7 +72,7 @@ def factorise(band: FloatArray, shift: float, skew: FloatArray, tail: FloatArray
 
 @compiled
 def solve(band: FloatArray, tail: FloatArray, rhs: FloatArray) -> None:
-    """Overwrite ``rhs`` (3k,) by the solution, with the factors of `factorise`."""
+    """Overwrites ``rhs`` (3k,) by the solution, with the factors of `factorise`."""
     size = band.shape[0]
     body = size - 3
     for r in range(body):
@@ -92,12 +92,12 @@ def solve(band: FloatArray, tail: FloatArray, rhs: FloatArray) -> None:
 TOLERANCE = 1e-11
 """Residual moment relative to EI / (length of the shaft)."""
 _MAX_ITERATIONS = 80
-_MAX_TURN = 0.4
-"""Largest turn of an element in one step, rad: keeps the iteration on the branch it comes from."""
+_MAX_TURN_RAD = 0.4
+"""Largest turn of an element in one step, rad: the iteration then stays on its branch."""
 
 
 class Solution(NamedTuple):
-    """``residual``: largest moment left over, relative to EI / length of the shaft."""
+    """``residual``: largest unbalanced moment, relative to EI / length of the shaft."""
 
     iterations: int
     converged: bool
@@ -107,7 +107,7 @@ class Solution(NamedTuple):
 
 @compiled
 def solve_factorised(work: Work, m: int, rhs: FloatArray) -> None:
-    """Overwrite ``rhs`` by (H + contacts)^-1 rhs, with what `newton_step` has left in ``work``."""
+    """Overwrites ``rhs`` by (H + contacts)^-1 rhs, with the factors of `newton_step` in ``work``."""
     solve(work.band, work.tail, rhs)
     small, depth, force = work.small, work.forces[0], work.forces[1]
     for i in range(m):
@@ -131,11 +131,11 @@ def solve_factorised(work: Work, m: int, rhs: FloatArray) -> None:
 
 @compiled
 def newton_step(work: Work, m: int, loose: int, shift: float) -> int:
-    """Factorise and solve for the step; returns the number of negative eigenvalues of the Hessian.
+    """Factorises and solves for the step; returns the number of negative eigenvalues of the Hessian.
 
-    With B the rows, T the band and K their stiffness, H = T + B' K B has as many negative eigenvalues as T less
-    those of I + K B T^-1 B' (inertia of the bordered matrix; the pivots tell, for K is a diagonal where it counts).
-    The last ``loose`` rows, friction in slip, are left out of the count.
+    With B the rows, T the band and K their stiffness, H = T + B' K B has as many negative eigenvalues as T minus
+    those of I + K B T^-1 B' (inertia of the bordered matrix; they are counted by the pivots, because K is diagonal
+    there). The last ``loose`` rows, friction in slip, are not counted.
     """
     band, hessian, small = work.band, work.hessian, work.small
     for r in range(band.shape[0]):
@@ -189,7 +189,7 @@ def turn(q: FloatArray, step: FloatArray, scale: float, out: FloatArray) -> None
 
 @compiled
 def copy_turns(source: FloatArray, target: FloatArray) -> None:
-    """Copy (k, 4) orientations; an assignment of slices would cost the compiler seconds for its error message."""
+    """Copies (k, 4) orientations; the assignment of a slice takes seconds to compile, because of its error message."""
     for i in range(source.shape[0]):
         for k in range(4):
             target[i, k] = source[i, k]
@@ -197,7 +197,7 @@ def copy_turns(source: FloatArray, target: FloatArray) -> None:
 
 @compiled
 def longest_turn(step: FloatArray) -> float:
-    """Largest length of the turns in ``step`` (3k,)."""
+    """Returns the largest length of the turns in ``step`` (3k,)."""
     longest = 0.0
     for r in range(0, step.shape[0], 3):
         longest = max(longest, step[r] ** 2 + step[r + 1] ** 2 + step[r + 2] ** 2)
@@ -206,7 +206,7 @@ def longest_turn(step: FloatArray) -> float:
 
 @compiled
 def _twist_work(q: FloatArray, step: FloatArray, scale: float, moment: FloatArray) -> float:
-    """Work of a dead moment along the last element's turn, whose axis stays where it is during one step."""
+    """Returns the work of a dead moment along the last element's turn, whose axis is constant during one step."""
     last, r = q.shape[0] - 1, step.shape[0] - 3
     m0, m1, m2 = unturned(q[last, 0], q[last, 1], q[last, 2], q[last, 3], moment[0], moment[1], moment[2])
     size = scale * math.sqrt(step[r] ** 2 + step[r + 1] ** 2 + step[r + 2] ** 2)
@@ -219,11 +219,11 @@ def _twist_work(q: FloatArray, step: FloatArray, scale: float, moment: FloatArra
 def _follow_residual(
     q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, residual: float
 ) -> tuple[bool, float, int, int]:
-    """A step that makes the residual smaller, for what has no energy: slip, and a dead moment past its minimum."""
-    scale = min(1.0, _MAX_TURN / longest_turn(work.step))
+    """Makes a step that reduces the residual, for forces without energy: slip, and a dead moment past its minimum."""
+    scale = min(1.0, _MAX_TURN_RAD / longest_turn(work.step))
     for _ in range(6):
         turn(q, work.step, scale, work.trial)
-        # `assemble` leaves ``work.step`` alone
+        # `assemble` does not change ``work.step``
         tried, m, loose = assemble(work.trial, rod, load, touch, work)
         if tried < (1.0 - 0.1 * scale) * residual:
             copy_turns(work.trial, q)
@@ -234,12 +234,12 @@ def _follow_residual(
 
 @compiled
 def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tolerance: float) -> Solution:
-    """Move ``q`` (k, 4) in place to the nearest equilibrium; ``stable`` tells whether it is a minimum.
+    """Moves ``q`` (k, 4) in place to the nearest equilibrium; ``stable``: whether it is a minimum.
 
-    Each step is Newton's where the Hessian is positive definite, else that of the shifted Hessian, cut so that no
-    element turns by more than 0.4 rad, and halved until the energy falls. Slipping friction has no energy: there the
-    residual must fall, and the iteration gives up early. A dead moment has none either, but along one step its work
-    is a plain integral; ``stable`` is then that of the Hessian's symmetric part, enough but not necessary.
+    Each step is Newton's if the Hessian is positive definite, else that of the shifted Hessian. It is limited so that
+    no element turns by more than 0.4 rad, and halved until the energy falls. Slipping friction has no energy: there the
+    residual must fall, and the iteration stops early. A dead moment has none either, but along one step its work is a
+    simple integral; ``stable`` is then that of the Hessian's symmetric part, sufficient but not necessary.
     """
     small = tolerance * rod.small
     dry = touch.active and touch.kt > 0.0 and touch.friction >= 0.0
@@ -270,8 +270,8 @@ def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tol
         descent = 0.0
         for r in range(work.step.shape[0]):
             descent += work.gradient[r] * work.step[r]
-        scale = min(1.0, _MAX_TURN / longest_turn(work.step))
-        # Close to the minimum the gain drowns in rounding: let a Newton step pass there.
+        scale = min(1.0, _MAX_TURN_RAD / longest_turn(work.step))
+        # Close to the minimum the gain is smaller than rounding: a Newton step is accepted there.
         slack = 1e-14 * (abs(energy) + rod.small)
         while True:
             turn(q, work.step, scale, work.trial)
@@ -280,32 +280,32 @@ def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tol
             if tried - gain <= energy + 1e-4 * scale * descent + slack:
                 break
             scale *= 0.5
-            if scale < 1e-10:  # no descent left: what stands is as good as rounding allows
+            if scale < 1e-10:  # no descent is left: rounding allows no better shape
                 return Solution(iteration, False, False, residual / rod.small)
         energy = tried
         copy_turns(work.trial, q)
         residual, m, loose = assemble(q, rod, load, touch, work)
 
 
-_MISMATCH = 0.05
-"""Largest turn, rad, by which a step of the load may miss the mean of the tangents at its two ends.
+_MAX_MISMATCH_RAD = 0.05
+"""Largest difference, rad, of a step of the load from the mean of the tangents at its two ends.
 
-On a smooth branch the miss falls with the cube of the step; a jump to another branch misses by the jump.
+On a smooth branch it falls with the cube of the step; at a jump to another branch it is the jump.
 """
-_LONGEST = 0.6
+_MAX_TANGENT_STEP_RAD = 0.6
 """Longest turn of an element in one step of the load along the tangent, rad."""
-_SHORTEST = 1e-5
-"""Share of the load below which a step that still fails is taken for a fold, or for the point of buckling."""
-_ANEW = 0.02
-"""Share of the load in the first step after that."""
-_ROUGH = 1e-5
-"""Relative residual that is good enough on the way to the load."""
+_MIN_LOAD_STEP = 1e-5
+"""Share of the load below which a step that still fails is a fold, or the point of buckling."""
+_RESTART_STEP = 0.02
+"""Share of the load in the first step after a fold."""
+_PATH_TOLERANCE = 1e-5
+"""Largest relative residual of the shapes between the unloaded and the final one."""
 _UNLOADED, _FALLEN = int(Branch.UNLOADED), int(Branch.FALLEN)
 
 
 @compiled
 def _mismatch(old: FloatArray, q: FloatArray, step: float, before: FloatArray, after: FloatArray) -> float:
-    """Largest difference between the turns from ``old`` to ``q`` and ``step`` times the mean of the two tangents."""
+    """Returns the largest difference of the turns ``old`` to ``q`` from ``step`` times the mean of both tangents."""
     worst = 0.0
     for i in range(q.shape[0]):
         w0, x0, y0, z0 = old[i, 0], old[i, 1], old[i, 2], old[i, 3]
@@ -324,7 +324,7 @@ def _mismatch(old: FloatArray, q: FloatArray, step: float, before: FloatArray, a
 
 @compiled
 def _tangent(q: FloatArray, rod: Elastic, load: Load, work: Work, way: FloatArray) -> None:
-    """Turns per share of the load, from the factors that `relax` has left."""
+    """Computes the turns per share of the load, from the factors of `relax`."""
     for r in range(way.shape[0]):
         way[r] = 0.0
     add_pull(q, rod, load, way)
@@ -335,10 +335,10 @@ def _tangent(q: FloatArray, rod: Elastic, load: Load, work: Work, way: FloatArra
 def raise_load(
     q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tolerance: float
 ) -> tuple[Solution, int]:
-    """From the unloaded ``q`` to the whole load, without a wall; also the value of `Branch`.
+    """Moves ``q`` from the unloaded shape to that of the whole load, without a wall; also returns the `Branch`.
 
-    Where a step cannot be made small enough to follow, the branch has ended in a fold and the rod falls. A branch
-    that loses its stability without a fold (a straight rod pushed along its axis) is followed on.
+    If even the smallest step fails, the branch has ended in a fold and the rod jumps. A branch that becomes unstable
+    without a fold (a straight rod pushed along its axis) is followed further.
     """
     saved, now = np.empty_like(q), Load(np.zeros(3), np.zeros(3), np.zeros_like(load.line))
     before, after = np.empty(3 * q.shape[0]), np.empty(3 * q.shape[0])
@@ -347,7 +347,7 @@ def raise_load(
     _tangent(q, rod, load, work, before)
     share, step, steps, branch, was_stable = 0.0, 1.0, out.iterations, _UNLOADED, out.stable
     while share < 1.0:
-        step = min(step, 1.0 - share, _LONGEST / (longest_turn(before) + 1e-300))
+        step = min(step, 1.0 - share, _MAX_TANGENT_STEP_RAD / (longest_turn(before) + 1e-300))
         last = share + step >= 1.0 - 1e-12
         target = 1.0 if last else share + step
         for k in range(3):
@@ -357,20 +357,20 @@ def raise_load(
                 now.line[i, k] = target * load.line[i, k]
         copy_turns(q, saved)
         turn(saved, before, step, q)
-        out = relax(q, rod, now, touch, work, tolerance if last else _ROUGH)
+        out = relax(q, rod, now, touch, work, tolerance if last else _PATH_TOLERANCE)
         steps += out.iterations
         _tangent(q, rod, load, work, after)
         miss = _mismatch(saved, q, step, before, after)
-        followed = out.converged and miss <= _MISMATCH
-        if (not followed or (was_stable and not out.stable and not turned)) and step > _SHORTEST:
+        followed = out.converged and miss <= _MAX_MISMATCH_RAD
+        if (not followed or (was_stable and not out.stable and not turned)) and step > _MIN_LOAD_STEP:
             copy_turns(saved, q)
             step *= 0.4
             continue
         if not followed:
             branch = _FALLEN
-        if step <= _SHORTEST:
-            step = _ANEW
-        elif miss < 0.125 * _MISMATCH:
+        if step <= _MIN_LOAD_STEP:
+            step = _RESTART_STEP
+        elif miss < 0.125 * _MAX_MISMATCH_RAD:
             step *= 2.0
         share, was_stable = target, out.stable
         before, after = after, before

@@ -14,7 +14,7 @@ _TORSION = 2 / 3
 
 
 def frames_of(quaternions: FloatArray) -> FloatArray:
-    """(..., 4) unit quaternions (w, x, y, z) -> (..., 3, 3) rotations, whose columns are tangent, y and z axis.
+    """Returns rotations (..., 3, 3), columns: tangent, y and z axis, of unit quaternions (..., 4), w, x, y, z.
 
     >>> frames_of(np.array([1.0, 0.0, 0.0, 0.0])).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
@@ -30,7 +30,7 @@ def frames_of(quaternions: FloatArray) -> FloatArray:
 
 @compiled
 def integrate_strain(strain: FloatArray, span: FloatArray, q: FloatArray) -> None:
-    """Fill ``q`` (k, 4): the orientations that the ``strain`` (k, 3) over each joint's ``span`` (k,) leads to."""
+    """Fills ``q`` (k, 4) with the orientations that follow from ``strain`` (k, 3) over each joint's ``span`` (k,)."""
     w, x, y, z = 1.0, 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
         a, b, c = strain[i, 0] * span[i], strain[i, 1] * span[i], strain[i, 2] * span[i]
@@ -54,17 +54,18 @@ class SpatialRod:
     axis is the tangent and which is the base frame at the clamp; a positive curvature about z bends toward +y.
 
     ``bending_stiffness_nm2``: EI. ``torsional_stiffness_nm2``: GJ (None: 2/3 EI). ``precurvature_per_m``: the strain
-    u_0 without load, (3,) or (segments + 1, 3) at the joints, evenly from clamp to electrode. ``stiffness_profile``
-    (segments + 1,): factors at the joints, on EI and GJ alike (None: ones). ``rigid_length_m``: the electrode that
-    goes on from the shaft's end. ``segments``: straight segments of the shaft; positions are second order in their
+    u_0 without load, (3,) or (segments + 1, 3) at the joints, in order from clamp to electrode. ``stiffness_profile``
+    (segments + 1,): factors at the joints, on both EI and GJ (None: ones). ``rigid_length_m``: length of the electrode
+    beyond the shaft's end. ``segments``: straight segments of the shaft; positions are second order in their
     length.
 
     With ``stiffening_curvature_per_m`` k_s the bending energy per metre, b the curvature's two components, is
     EI (|b - b_0|^2 / 2 + (|b|^4 / 4 - (b.b_0) |b|^2 / 3 + |b_0|^4 / 12) / k_s^2). Its moment is
-    EI (1 + (b/k_s)^2) (b - b_0) where b is parallel to b_0 or b_0 = 0, as in the plane; that very law has no energy
-    in two dimensions, and this is its symmetric part, alike in all directions around the shaft. GJ does not stiffen.
+    EI (1 + (b/k_s)^2) (b - b_0) where b is parallel to b_0 or b_0 = 0, as in the plane. That law itself has no energy
+    in two dimensions; this is its symmetric part, the same in all directions around the shaft. GJ does not stiffen.
 
-    Raises ValueError where a value has no physical meaning.
+    Raises:
+        ValueError: a value has no physical meaning.
     """
 
     flexible_length_m: float
@@ -98,7 +99,7 @@ class SpatialRod:
         self.check_stiffening(rest)
 
     def check_stiffening(self, precurvature_per_m: FloatArray) -> None:
-        """Raise ValueError where a pre-curvature (..., 3) is too large for the stiffening law.
+        """Raises ValueError if a pre-curvature (..., 3) is too large for the stiffening law.
 
         Beyond sqrt(3) k_s the energy is not convex in the curvature: no unique shape even without load.
         """
@@ -111,36 +112,41 @@ class SpatialRod:
 
     @property
     def gj_nm2(self) -> float:
-        """Torsional stiffness where the profile is one."""
+        """Torsional stiffness at a profile of 1."""
         given = self.torsional_stiffness_nm2
         return _TORSION * self.bending_stiffness_nm2 if given is None else given
 
     @property
     def length_m(self) -> float:
-        """Shaft and electrode together."""
+        """Length of shaft and electrode together."""
         return self.flexible_length_m + self.rigid_length_m
 
     @property
     def element_lengths_m(self) -> FloatArray:
-        """(segments + 1,): of the segments, then of the electrode."""
+        """Lengths (segments + 1,) of the segments, then of the electrode."""
         return element_lengths_m(self.flexible_length_m, self.rigid_length_m, self.segments)
 
     @property
     def joint_spans_m(self) -> FloatArray:
-        """(segments + 1,): length of shaft whose strain sits in each joint; half a segment at both ends."""
+        """Length (segments + 1,) of shaft whose strain is in each joint; half a segment at both ends."""
         return joint_spans_m(self.flexible_length_m, self.segments)
 
     @property
     def unloaded_quaternions(self) -> FloatArray:
-        """(segments + 1, 4): orientation (w, x, y, z) of each segment and of the electrode, without load."""
+        """Orientation (segments + 1, 4), w, x, y, z, of each segment and of the electrode, without load."""
         out = np.empty((self.segments + 1, 4))
         integrate_strain(self.precurvature_per_m, self.joint_spans_m, out)
         return out
 
     def nodes_m(self, quaternions: FloatArray, advance_m: float | FloatArray = 0.0) -> FloatArray:
-        """(..., segments + 1, 4) -> (..., segments + 2, 3): clamp, segment ends, tip of the electrode.
+        """Returns the nodes: clamp, segment ends, tip of the electrode.
 
-        ``advance_m`` (...): how far the clamp has moved along x.
+        Args:
+            quaternions: (..., segments + 1, 4) orientations of the elements.
+            advance_m: (...) advance of the clamp along x.
+
+        Returns:
+            (..., segments + 2, 3) positions in the base frame.
 
         >>> rod = SpatialRod(0.04, 4.3e-4, 0.008, segments=4)
         >>> rod.nodes_m(rod.unloaded_quaternions)[-1]
@@ -154,9 +160,14 @@ class SpatialRod:
         return nodes
 
     def centreline_m(self, quaternions: FloatArray, points: int | FloatArray) -> FloatArray:
-        """(segments + 1, 4) -> (points, 3), base to tip; ``points``: how many, evenly, or their arc lengths in m.
+        """Returns the centreline (points, 3), base to tip.
 
-        Raises ValueError where an arc length lies beyond the rod.
+        Args:
+            quaternions: (segments + 1, 4) orientations of the elements.
+            points: number of points, evenly spaced, or their arc lengths in m.
+
+        Raises:
+            ValueError: an arc length is outside the rod.
         """
         lengths = self.element_lengths_m
         return way_m(lengths, arc_m(lengths, points)) @ frames_of(quaternions)[:, :, 0]

@@ -1,4 +1,4 @@
-"""What the kernels of the spatial rod are given: the rod, its loads, the wall, and room to work in."""
+"""Arguments of the kernels of the spatial rod: the rod, its loads, the wall, and buffers."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from ._rod import SpatialRod
 
 
 class Elastic(NamedTuple):
-    """The rod as numbers; k = segments + 1 joints, each in front of one element (segments, then the electrode).
+    """The values of the rod; k = segments + 1 joints, each in front of one element (segments, then the electrode).
 
     ``span``, ``ei``, ``gj`` (k,), ``rest`` (k, 3): pre-curvature; ``soft``: 1 / k_s^2.
     ``reach`` (k,): length of each element; the last one's is the lever of the loaded point.
@@ -30,7 +30,7 @@ class Elastic(NamedTuple):
 class Load(NamedTuple):
     """Dead loads, base frame: ``force`` (3,) at the lever's end, ``moment`` (3,) on the electrode.
 
-    ``line`` (k, 3): what a distributed load does to each element's direction, in N m.
+    ``line`` (k, 3): derivative of a distributed load's work with each element's direction, in N m.
     """
 
     force: FloatArray
@@ -41,13 +41,13 @@ class Load(NamedTuple):
 class Touch(NamedTuple):
     """A ball at the lever's end, and the shaft's side, against a plane that yields.
 
-    ``axes`` (3, 3): rows d (into the wall), t1, t2. ``place``: of the undeformed plane along d, less what the clamp's
-    advance has of d. Normal force = ``stiffness`` x depth (or x depth^1.5 ``hertz``, where that is positive, or the
-    exponential law of `exponential_spring`, where ``growth`` is) + ``rate`` x (depth - ``indentation``), on depths
-    beyond ``rest`` only. ``kt`` ties the touching point, carried by ``arm`` (3,)
-    in the electrode's frame, to ``zero`` (2,) along t1 and t2; with ``friction`` >= 0 that tie slips at Coulomb's
-    limit, which has no energy. ``drag`` (2,): dead tangential force instead. ``side``: stiffness of the contact of
-    each node of the shaft, whose radius is ``side_radius``.
+    ``axes`` (3, 3): rows d (into the wall), t1, t2. ``place``: position of the undeformed plane along d, minus the part
+    of the clamp's advance along d. Normal force = ``stiffness`` x depth (or x depth^1.5 ``hertz`` if that is positive,
+    or the exponential law of `exponential_spring` if ``growth`` is) + ``rate`` x (depth - ``indentation``), on depths
+    beyond ``rest`` only. A tie of stiffness ``kt`` connects the touching point, at ``arm`` (3,) in the electrode's
+    frame, with ``zero`` (2,) along t1 and t2; with ``friction`` >= 0 that tie slips at Coulomb's limit, which has no
+    energy. ``drag`` (2,): dead tangential force, without a tie. ``side``: stiffness of the contact of each node of the
+    shaft, whose radius is ``side_radius``.
     """
 
     active: bool
@@ -70,7 +70,7 @@ class Touch(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Room for Newton's method; ``rows`` are the contacts' directions, ``firm`` (m, m) their stiffness."""
+    """Buffers of Newton's method; ``rows`` are the contacts' directions, ``firm`` (m, m) their stiffness."""
 
     gradient: FloatArray
     hessian: FloatArray
@@ -94,7 +94,7 @@ NO_TOUCH = Touch(
 
 
 def elastic_of(rod: SpatialRod, lever_m: float) -> Elastic:
-    """The numbers of ``rod``, loaded at ``lever_m`` beyond the end of its shaft, without creep."""
+    """Returns the values of ``rod``, loaded at ``lever_m`` beyond the end of its shaft, without creep."""
     reach = rod.element_lengths_m
     reach[-1] = lever_m
     profile = np.asarray(rod.stiffness_profile, np.float64)
@@ -112,9 +112,14 @@ def elastic_of(rod: SpatialRod, lever_m: float) -> Elastic:
 
 
 def line_of(rod: SpatialRod, distributed_n_per_m: FloatArray | None) -> FloatArray:
-    """(segments + 1, 3): `Load.line` of a distributed load, the same along the whole length or one for each element.
+    """Returns `Load.line` (segments + 1, 3) of a distributed load.
 
-    Raises ValueError where it is neither (3,) nor (segments + 1, 3), or not finite.
+    Args:
+        rod: the rod.
+        distributed_n_per_m: (3,) for the whole length, or (segments + 1, 3) for each element; None: no load.
+
+    Raises:
+        ValueError: it has another shape, or is not finite.
     """
     whole = (rod.segments + 1, 3)
     if distributed_n_per_m is None:
@@ -128,7 +133,7 @@ def line_of(rod: SpatialRod, distributed_n_per_m: FloatArray | None) -> FloatArr
 
 
 def make_work(elements: int, contacts: int) -> Work:
-    """Room for ``elements`` = segments + 1 unknown rotations and up to ``contacts`` springs."""
+    """Makes buffers for ``elements`` = segments + 1 unknown rotations and up to ``contacts`` springs."""
     size = 3 * elements
     return Work(
         gradient=np.zeros(size),

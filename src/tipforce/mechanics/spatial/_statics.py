@@ -15,9 +15,9 @@ from ._state import NO_TOUCH, Load, elastic_of, line_of, make_work
 class SpatialShape:
     """An equilibrium of ``rod``: ``quaternions`` (segments + 1, 4), see `SpatialRod.unloaded_quaternions`.
 
-    ``residual``: largest moment out of balance, relative to EI / length of the shaft. ``converged``: False where
-    Newton's method gave up; the shape is then not to be used. ``stable``: a strict minimum of the energy; under a tip
-    moment, which has no energy in space, that of the symmetric part of the stiffness: enough for stability, but not
+    ``residual``: largest unbalanced moment, relative to EI / length of the shaft. ``converged``: False if Newton's
+    method failed; the shape must then not be used. ``stable``: a strict minimum of the energy; under a tip moment,
+    which has no energy in space, that of the symmetric part of the stiffness: sufficient for stability, but not
     necessary. ``branch``: see `Branch` and `on_unloaded_branch`.
     """
 
@@ -38,22 +38,22 @@ class SpatialShape:
 
     @property
     def frames(self) -> FloatArray:
-        """(segments + 1, 3, 3): material frames of the segments and of the electrode, in columns, base frame."""
+        """Material frames (segments + 1, 3, 3) of the segments and of the electrode, in columns, base frame."""
         return frames_of(self.quaternions)
 
     @property
     def tip_m(self) -> FloatArray:
-        """(3,): the electrode's end, base frame."""
+        """Position (3,) of the electrode's end, base frame."""
         return self.rod.nodes_m(self.quaternions)[-1]
 
     def centreline_m(self, points: int | FloatArray) -> FloatArray:
-        """(points, 3), base to tip; ``points``: how many, evenly, or their arc lengths in m."""
+        """Returns the centreline (points, 3), base to tip; ``points``: number of points, or arc lengths in m."""
         return self.rod.centreline_m(self.quaternions, points)
 
     def on_unloaded_branch(self) -> bool:
-        """Whether raising all loads together from nothing leads here, without a jump.
+        """Whether the shape is reached by raising all loads together from 0, without a jump.
 
-        Known where the shape was reached that way; for one that was reached from a start it is tried out.
+        This is known if the shape was reached in that way; for one that was reached from a start it is computed.
         """
         if self.branch is not Branch.GIVEN:
             return self.branch is Branch.UNLOADED
@@ -69,13 +69,24 @@ def solve_static_spatial(
     distributed_n_per_m: FloatArray | None = None,
     start: SpatialShape | None = None,
 ) -> SpatialShape:
-    """Shape of ``rod`` under dead loads (3,), base frame: on the tip, on the electrode, and along the whole length.
+    """Solves the shape of ``rod`` under dead loads in the base frame.
 
-    The moment keeps its direction in space. Above the buckling load there are several equilibria. Without ``start``
-    this one is reached by raising all loads together from nothing, so it lies on the unloaded shape's branch wherever
-    that branch lasts (``branch`` tells); with ``start`` it is the one next to that shape.
+    The moment keeps its direction in space. Above the buckling load there are several equilibria. Without ``start`` all
+    loads are raised together from 0, so the result is on the unloaded shape's branch as far as that branch exists
+    (see ``branch``); with ``start`` it is the equilibrium next to that shape.
 
-    Raises ValueError for loads of another shape or not finite, or a ``start`` of another number of segments.
+    Args:
+        rod: the rod.
+        force_n: (3,) force on the tip.
+        moment_nm: (3,) moment on the electrode.
+        distributed_n_per_m: (3,) load along the whole length, or (segments + 1, 3) for each element.
+        start: a shape with the same number of segments.
+
+    Returns:
+        The equilibrium.
+
+    Raises:
+        ValueError: a load has another shape or is not finite, or ``start`` has another number of segments.
 
     >>> shape = solve_static_spatial(SpatialRod(0.048, 4.3e-4), np.array([0.0, 0.06, 0.08]))
     >>> shape.stable, (shape.tip_m * 1e3).round(2)

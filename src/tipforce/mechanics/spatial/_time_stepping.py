@@ -22,14 +22,14 @@ from ._face import face_axes
 from ._newton import TOLERANCE, Solution, copy_turns, relax
 from ._state import Elastic, Load, Touch, Work
 
-_SLOW = math.cos(0.5 * 0.02)
-"""Turns of up to 0.02 rad an instant are expected to go on."""
+_MIN_TURN_COSINE = math.cos(0.5 * 0.02)
+"""Turns of up to 0.02 rad per instant are extrapolated."""
 
 
 class WallLaw(NamedTuple):
-    """The wall's laws as numbers, see `Touch`; ``base_rest`` (k, 3): the rod's own pre-curvature.
+    """The values of the wall's laws, see `Touch`; ``base_rest`` (k, 3): the rod's own pre-curvature.
 
-    ``face_radius``: of the tissue's face, see `face_axes`; 0: flat.
+    ``face_radius``: radius of the tissue's face, see `face_axes`; 0: flat.
     """
 
     axes: FloatArray
@@ -49,11 +49,11 @@ class WallLaw(NamedTuple):
 
 
 class History(NamedTuple):
-    """What the next instant needs of the last.
+    """State of the last instant, from which the next one starts.
 
-    Orientations (k, 4), those ``before`` them, centre of the dome, the wall's point (3,). ``way`` (2,): of the
-    touching point along the wall, seen from the wall; ``anchor`` (2,): where the tissue that it sticks to is at rest.
-    ``begun``, ``touching``, ``indentation`` (1,).
+    Orientations (k, 4), those ``before`` them, centre of the dome, the wall's point (3,). ``way`` (2,): way of the
+    touching point along the wall, relative to the wall; ``anchor`` (2,): rest position of the tissue to which it
+    sticks. ``begun``, ``touching``, ``indentation`` (1,).
     """
 
     q: FloatArray
@@ -68,10 +68,10 @@ class History(NamedTuple):
 
 
 class Instants(NamedTuple):
-    """What comes out at each of m instants, base frame.
+    """Results at each of m instants, base frame.
 
-    ``shapes`` (m, k, 4); ``dome_force``, ``touch`` (m, 3): force on the dome, and where it acts; ``base_moment``
-    (m, 3): carried by the clamp; ``side_force`` (m,): of the shaft's side along d; the others (m,).
+    ``shapes`` (m, k, 4); ``dome_force``, ``touch`` (m, 3): force on the dome, and its point; ``base_moment`` (m, 3):
+    moment at the clamp; ``side_force`` (m,): force of the shaft's side along d; the others (m,).
     """
 
     shapes: FloatArray
@@ -87,7 +87,7 @@ class Instants(NamedTuple):
 
 
 def make_instants(rows: int, elements: int) -> Instants:
-    """Room for ``rows`` instants of a rod of ``elements`` = segments + 1."""
+    """Makes the arrays for ``rows`` instants of a rod of ``elements`` = segments + 1."""
     vectors, flags = np.empty((3, rows, 3)), np.empty((4, rows), np.bool_)
     return Instants(
         np.empty((rows, elements, 4)), vectors[0], vectors[1], vectors[2], np.empty(rows), np.empty(rows),
@@ -96,14 +96,14 @@ def make_instants(rows: int, elements: int) -> Instants:
 
 
 def make_history(start: FloatArray) -> History:
-    """Before the first instant, at the orientations ``start`` (k, 4)."""
+    """Makes the state before the first instant, at the orientations ``start`` (k, 4)."""
     return History(np.array(start), np.array(start), np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2),
         np.zeros(1, np.bool_), np.zeros(1, np.bool_), np.zeros(1))  # fmt: skip
 
 
 @compiled
 def _resting_indentation(law: WallLaw, rate: float, indentation: float) -> float:
-    """Where the indentation would be at the end of this instant without contact, by implicit Euler."""
+    """Returns the indentation at the end of this instant if there were no contact, by implicit Euler."""
     if rate == 0.0 or indentation <= 0.0:
         return 0.0
     if law.hertz == 0.0 and law.growth == 0.0:
@@ -124,16 +124,16 @@ def _resting_indentation(law: WallLaw, rate: float, indentation: float) -> float
 
 @compiled
 def _extrapolate(q: FloatArray, before: FloatArray) -> None:
-    """Turn each element on by the turn of the last instant: from ``before`` to ``q``, which moves to ``before``.
+    """Turns each element further by the turn of the last instant: from ``before`` to ``q``, which moves to ``before``.
 
-    Where one turned fast, as in a snap, that says nothing about the next instant: all stay.
+    If one turned fast, as in a snap, the next instant cannot be predicted from it: all elements stay.
     """
     slow = True
     for i in range(q.shape[0]):
         dot = 0.0
         for k in range(4):
             dot += q[i, k] * before[i, k]
-        slow = slow and abs(dot) > _SLOW
+        slow = slow and abs(dot) > _MIN_TURN_COSINE
     if not slow:
         copy_turns(q, before)
         return
@@ -155,7 +155,7 @@ def _extrapolate(q: FloatArray, before: FloatArray) -> None:
 
 @compiled
 def _strain(q: FloatArray, rod: Elastic, i: int) -> tuple[float, float, float]:
-    """Strain in joint i."""
+    """Returns the strain in joint i."""
     w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
     w0, x0, y0, z0 = 1.0, 0.0, 0.0, 0.0
     if i > 0:
@@ -170,7 +170,7 @@ def _strain(q: FloatArray, rod: Elastic, i: int) -> tuple[float, float, float]:
 
 @compiled
 def creep_on(q: FloatArray, rod: Elastic, relaxing: float) -> None:
-    """The Maxwell springs' dashpots follow the strain, by implicit Euler; at once where ``relaxing`` is infinite."""
+    """Moves the Maxwell springs' dashpots toward the strain, by implicit Euler; fully if ``relaxing`` is infinite."""
     share = 1.0 if relaxing == math.inf else relaxing / (1.0 + relaxing)
     for i in range(q.shape[0]):
         u = _strain(q, rod, i)
@@ -180,7 +180,7 @@ def creep_on(q: FloatArray, rod: Elastic, relaxing: float) -> None:
 
 @compiled
 def _with_tie(touch: Touch, kt: float) -> Touch:
-    """The same wall with a tie that never slips, or, where ``kt`` is 0, with the drag as a dead load."""
+    """Returns the same wall with a tie that never slips, or, if ``kt`` is 0, with the drag as a dead load."""
     return Touch(
         touch.active, touch.axes, touch.place, touch.radius, touch.stiffness, touch.hertz, touch.rate,
         touch.indentation, touch.rest, kt, touch.zero, touch.arm, touch.drag, -1.0, touch.side, touch.side_radius,
@@ -190,11 +190,11 @@ def _with_tie(touch: Touch, kt: float) -> Touch:
 
 @compiled
 def _solve_instant(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) -> Solution:
-    """Equilibrium on the wall.
+    """Solves the equilibrium on the wall.
 
-    On a rough one Newton's method with stick and slip in it goes straight there as a rule. Where it fails, for
-    instance where the rod snaps, the energy brings the rod down: first with the tip tied, then with the slipping force
-    frozen as a load, and the method is tried again from each of these.
+    On a rough wall Newton's method with stick and slip usually converges directly. If it fails, for instance when the
+    rod snaps, the energy is minimised: first with the tip tied, then with the slipping force as a constant load, and
+    Newton's method is tried again from each of these.
     """
     copy_turns(q, saved)
     out = relax(q, rod, load, touch, work, TOLERANCE)
@@ -220,7 +220,7 @@ def _solve_instant(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, t
 
 @compiled
 def _base_moment(q: FloatArray, rod: Elastic) -> tuple[float, float, float]:
-    """What the first joint carries, base frame: the loads' moment about the clamp."""
+    """Returns the moment in the first joint, base frame: the loads' moment about the clamp."""
     p0, p1, p2 = _strain(q, rod, 0)
     rest = (rod.rest[0, 0], rod.rest[0, 1], rod.rest[0, 2])
     memory = (rod.memory[0, 0], rod.memory[0, 1], rod.memory[0, 2])
@@ -241,7 +241,7 @@ def _base_moment(q: FloatArray, rod: Elastic) -> tuple[float, float, float]:
 
 @compiled
 def _side_force(rod: Elastic, touch: Touch, tangent: FloatArray) -> float:
-    """What the shaft's nodes press on the wall together, along d."""
+    """Returns the total force of the shaft's nodes on the wall, along d."""
     height, total = touch.radius - touch.place, 0.0
     for i in range(tangent.shape[0] - 1):
         for k in range(3):
@@ -262,7 +262,7 @@ def integrate(
     advance: FloatArray,
     instants: Instants,
 ) -> int:
-    """Solves instants in a row, from and to ``history``, into ``instants``; returns the steps of Newton's method."""
+    """Solves consecutive instants, from and to ``history``, into ``instants``; returns the steps of Newton's method."""
     q, axes = history.q, law.axes.copy()
     saved, zero, arm, was, drag = np.empty_like(q), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(2)
     rate = law.damping / law.dt_s
@@ -271,7 +271,7 @@ def integrate(
         for i in range(q.shape[0]):
             for k in range(3):
                 rod.rest[i, k] = law.base_rest[i, k] + change[row, k]
-        if not history.begun[0]:  # hung up long ago
+        if not history.begun[0]:  # the rod has been without contact for a long time
             slack = Elastic(rod.span, rod.ei, rod.gj, rod.rest, rod.soft, rod.reach, rod.memory, 0.0, rod.small)
             nowhere = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0, 0.0)
             relax(q, slack, load, nowhere, work, TOLERANCE)
@@ -285,10 +285,10 @@ def integrate(
         indentation, touching = history.indentation[0], history.touching[0]
         if not touching:
             history.anchor[0], history.anchor[1] = history.way[0], history.way[1]
-        # The point of the dome that is about to touch: where the electrode is expected to stand.
+        # The point of the dome that will touch first, at the expected orientation of the electrode.
         _extrapolate(q, history.before)
         bulge = 0.0
-        if law.face_radius != 0.0:  # the face's tangent plane beside the place where the dome is expected
+        if law.face_radius != 0.0:  # the face's tangent plane at the expected position of the dome
             px, py, pz = tip_at(q, rod, work.tangent)
             was[0], was[1], was[2] = px + advance[row] - wall[row, 0], py - wall[row, 1], pz - wall[row, 2]
             bulge = face_axes(law.axes, law.face_radius, was, axes)
