@@ -11,7 +11,7 @@ _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-learn"
 
 
 def machine() -> dict[str, Any]:
-    """Processor, system, versions."""
+    """Returns processor, system and versions."""
     cpu = platform.processor() or platform.machine()
     try:
         with Path("/proc/cpuinfo").open(encoding="utf-8") as lines:

@@ -27,10 +27,10 @@ FRAME = (480, 640)
 THREADS = (1, 2)
 BLOCKS = 12
 BLOCK_S = 0.12
-"""So long, at least three frames, each way runs before the next one's turn."""
-BATCH = {"dcfe": 16, "compact": 64}
+"""Time of a block of one way; a block has at least three frames."""
+BATCH_SIZES = {"dcfe": 16, "compact": 64}
 """Batch size of the training steps that are timed."""
-MATRIX = 1024
+MATRIX_SIDE = 1024
 """Side of the matrices with which the speed of the processor is measured."""
 
 
@@ -42,10 +42,10 @@ def measure() -> dict[str, Any]:
 
 
 def peak(threads: int) -> dict[str, float]:
-    """Billions of multiplications and additions a second in products of matrices, by who is quickest at them."""
+    """Returns billions of multiplications and additions a second in matrix products, with the quickest library."""
     torch.set_num_threads(threads)
     draw = np.random.default_rng(0)
-    a, b = torch.rand(MATRIX, MATRIX), torch.rand(MATRIX, MATRIX)
+    a, b = torch.rand(MATRIX_SIDE, MATRIX_SIDE), torch.rand(MATRIX_SIDE, MATRIX_SIDE)
     numbers, whole = _session(_product("MatMul", np.float32), threads), {"a": a.numpy()}
     few, short = _session(_product("MatMulInteger", np.uint8), threads), {"a": draw.integers(0, 256, a.shape, np.uint8)}
     ways = {
@@ -54,19 +54,19 @@ def peak(threads: int) -> dict[str, float]:
     }
     times = _rounds({f"{kind} {n}": work for kind, works in ways.items() for n, work in enumerate(works)}, blocks=6)
     best = {way: float(np.min(np.concatenate(blocks))) for way, blocks in times.items()}
-    return {kind: 2e-9 * MATRIX**3 / min(t for way, t in best.items() if way.startswith(kind)) for kind in ways}
+    return {kind: 2e-9 * MATRIX_SIDE**3 / min(t for way, t in best.items() if way.startswith(kind)) for kind in ways}
 
 
 def _product(kind: str, of: type[np.generic]) -> bytes:
     helper, number = onnx.helper, onnx.helper.np_dtype_to_tensor_dtype
-    weights = np.random.default_rng(1).integers(-127, 128, (MATRIX, MATRIX))
+    weights = np.random.default_rng(1).integers(-127, 128, (MATRIX_SIDE, MATRIX_SIDE))
     held = weights.astype(np.float32 if of is np.float32 else np.int8)
     answers = np.dtype(np.float32 if of is np.float32 else np.int32)
     graph = helper.make_graph(
         [helper.make_node(kind, ["a", "b"], ["y"])],
         "product",
-        [helper.make_tensor_value_info("a", number(np.dtype(of)), [MATRIX, MATRIX])],
-        [helper.make_tensor_value_info("y", number(answers), [MATRIX, MATRIX])],
+        [helper.make_tensor_value_info("a", number(np.dtype(of)), [MATRIX_SIDE, MATRIX_SIDE])],
+        [helper.make_tensor_value_info("y", number(answers), [MATRIX_SIDE, MATRIX_SIDE])],
         [onnx.numpy_helper.from_array(held, "b")],
     )
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8).SerializeToString()
@@ -160,7 +160,7 @@ def _rounds(ways: dict[str, Callable[[], Any]], blocks: int = BLOCKS) -> dict[st
 
 
 def _row(blocks: list[Any]) -> dict[str, float]:
-    """Milliseconds: the middle of the quickest block, and over all blocks p50 and p99."""
+    """Returns milliseconds: the median of the quickest block, and p50 and p99 of all blocks."""
     whole = np.concatenate(blocks)
     best = min(float(np.median(block)) for block in blocks)
     values = {"best": best, "p50": float(np.median(whole)), "p99": float(np.percentile(whole, 99))}
@@ -178,7 +178,7 @@ def _batch(specs: dict[str, Any], samples: int, seed: int) -> dict[str, Any]:
 
 
 def _taught(network: torch.nn.Module, specs: dict[str, Any]) -> None:
-    """Let batch norms see something: numbers that shrink from layer to layer would become too small to be quick."""
+    """Fills the statistics of batch norms: numbers that shrink from layer to layer would become denormal and slow."""
     network.train()
     with torch.no_grad():
         for seed in range(10):
@@ -206,7 +206,7 @@ def training(name: str, method: NetworkEstimator, task: Any) -> dict[str, float]
     """Images a second through forward, backward and a step, on two threads, by precision; images ready in memory."""
     torch.set_num_threads(2)
     specs = dict(method.input_specs(training=False))
-    batch = {key: torch.from_numpy(value) for key, value in _batch(specs, BATCH[name], 0).items()}
+    batch = {key: torch.from_numpy(value) for key, value in _batch(specs, BATCH_SIZES[name], 0).items()}
     found = {}
     for precision in ("fp32", "bf16"):
         network = task.build().to(memory_format=torch.channels_last).train()
@@ -221,7 +221,7 @@ def training(name: str, method: NetworkEstimator, task: Any) -> dict[str, float]
             optimiser.zero_grad(set_to_none=True)
 
         times = _rounds({"": step}, blocks=3)[""]
-        found[precision] = BATCH[name] / min(float(np.median(block)) for block in times)
+        found[precision] = BATCH_SIZES[name] / min(float(np.median(block)) for block in times)
     return found
 
 

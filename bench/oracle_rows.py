@@ -166,7 +166,7 @@ def invariance() -> Iterator[Row]:
 
 
 def work_along_the_path() -> Iterator[Row]:
-    """Integral of the force over the way of the tip as the load is raised, against the energy stored; by parts."""
+    """Integral of the force over the motion of the tip as the load is raised, against the stored energy; by parts."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     shares = (nodes + 1) / 2
 

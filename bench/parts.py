@@ -21,7 +21,7 @@ PARTS = {
 
 
 def one_thread() -> None:
-    """Keep libraries from starting threads of their own; to be called before they are imported."""
+    """Keeps libraries from starting threads of their own; call it before they are imported."""
     for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     import cv2
@@ -38,7 +38,7 @@ def save(target: Path, parts: dict[str, Any]) -> None:
 
 
 def run_alone(name: str, measure: Callable[[], Any], show: Callable[[Any], None], about: str | None) -> None:
-    """The command line of one part: ``python -m bench.MODULE [--json FILE]``."""
+    """Runs the command line of one part: ``python -m bench.MODULE [--json FILE]``."""
     parser = argparse.ArgumentParser(prog=f"python -m {PARTS[name]}", description=about)
     parser.add_argument("--json", type=Path, default=Path(f"build/bench_{name}.json"), help="where the figures go")
     chosen = parser.parse_args()

@@ -1,4 +1,4 @@
-"""Published and exact solutions that rod solvers are held to."""
+"""Published and exact solutions that check rod solvers."""
 
 CANTILEVER = {
     0.5: (0.16214, 0.01592, 0.24453),

@@ -29,7 +29,7 @@ FRAMES = 48
 """Number of frames of a block."""
 SIZES = ((320, 240), (640, 480), (1280, 960), (1920, 1440))
 LONGER = (24, 96, 384)
-"""Frames of one go, at 640x480."""
+"""Number of frames of one run, at 640x480."""
 
 
 class Session:
@@ -103,7 +103,7 @@ class Session:
 
 
 def of_preset(preset, size: tuple[int, int], plainly: bool, blocks: int = 4) -> dict[str, float]:
-    """Frames a second of the best block, by way."""
+    """Returns frames a second of the best block, by way."""
     session = Session(preset, 4, size)
     jobs = session.jobs
     with ThreadPoolExecutor(2) as pool:
@@ -121,7 +121,7 @@ def of_preset(preset, size: tuple[int, int], plainly: bool, blocks: int = 4) -> 
 
 
 def by_length(blocks: int = 2) -> dict[str, float]:
-    """Frames a second of goes of different lengths, written, two threads."""
+    """Returns frames a second, written by two threads, for runs of different lengths."""
     session = Session(BENCH_2021, 4, (640, 480))
     with ThreadPoolExecutor(2) as pool:
 

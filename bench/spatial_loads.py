@@ -27,7 +27,7 @@ def random_case(rng: np.random.Generator, largest: float) -> tuple[SpatialRod, n
 
 
 def crawl(rod: SpatialRod, force: np.ndarray, steps: int = 400) -> tuple[np.ndarray, bool]:
-    """Orientations after many small steps of the load, and whether none of them jumped or lost its stability."""
+    """Returns orientations after many small steps of the load, and whether no step jumped or lost stability."""
     shape, smooth = solve_static_spatial(rod, 0 * force), True
     for share in np.arange(1, steps + 1) / steps:
         last = shape.quaternions

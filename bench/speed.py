@@ -28,14 +28,14 @@ POOL_BYTES = 96 * 2**20
 """Size of the pool of frames; the last-level caches of today's processors hold less."""
 SHAPES = 24
 BLOCKS = 8
-"""How often the ways are timed in turn."""
+"""Number of blocks of each way."""
 SIZES = ((640, 480), (1280, 1024))
 LOOKS = {
     "clean": Look(noise=0.0, blur=0.7, rings=0, gradient=0.0, turning=1.2),
     "noisy": Look(rings=0, gradient=0.0, turning=1.2),
     "rings and gradient": Look(turning=1.2),
 }
-"""Noise of 5 grey levels and a blur of 1 px from the second on."""
+"""Kinds of frames; from the second on with noise of 5 grey levels and a blur of 1 px."""
 
 
 @numba.njit
@@ -182,7 +182,7 @@ def timed(work: Callable[[int], Any], count: int, start: int) -> np.ndarray:
 
 
 def measure_case(case: Case, blocks: int) -> dict[str, Any]:
-    """Microseconds, p50 and p99, of reading, of detection, of the whole way to the force, and of the textbook chain."""
+    """Returns microseconds, p50 and p99: reading, detection, the chain to the force, and the textbook chain."""
     pool, words, n = case.pool, case.words, len(case.pool)
     estimator = trained(case)
     stream = estimator.start(SessionInfo())

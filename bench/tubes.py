@@ -17,7 +17,7 @@ SPACING = 0.2
 
 @dataclass(frozen=True)
 class Look:
-    """How a tube is drawn; grey levels 0..255, lengths in pixels."""
+    """Settings of a drawn tube; grey levels 0..255, lengths in pixels."""
 
     size: tuple[int, int] = (640, 480)
     diameter: float = 12.0

@@ -18,11 +18,11 @@ from tipforce.vision.keypoints import LENGTH_PX, STRIDE, evenly, normalised
 __all__ = ["POINTS", "Coarse", "Window", "loss", "window"]
 
 POINTS = 12
-"""Evenly in arc length from base to tip."""
+"""Number of points, evenly spaced in arc length from base to tip."""
 SIZE = 144
-"""Side in px of the windows that are trained on; any size can be read."""
+"""Side in px of the training windows; the network reads images of any size."""
 CELLS = SIZE // STRIDE
-SIGMA = 0.7
+HEATMAP_SIGMA_CELLS = 0.7
 """Standard deviation of the target heatmap of a point, in cells."""
 
 
@@ -126,8 +126,8 @@ def loss(logits: Tensor, points: Tensor, body: Tensor) -> Tensor:
     """Returns the cross entropy of the cell of each point, or of "outside"; and that of the body."""
     cell = (points + 0.5) / STRIDE - 0.5
     grid = torch.arange(CELLS, dtype=torch.float32)
-    across = torch.exp(-0.5 * ((grid - cell[..., 0:1]) / SIGMA) ** 2)
-    down = torch.exp(-0.5 * ((grid - cell[..., 1:2]) / SIGMA) ** 2)
+    across = torch.exp(-0.5 * ((grid - cell[..., 0:1]) / HEATMAP_SIGMA_CELLS) ** 2)
+    down = torch.exp(-0.5 * ((grid - cell[..., 1:2]) / HEATMAP_SIGMA_CELLS) ** 2)
     target = (down[..., :, None] * across[..., None, :]).flatten(2)
     inside = ((cell > -0.5) & (cell < CELLS - 0.5)).all(-1)[..., None]
     target = torch.cat([target / target.sum(-1, keepdim=True).clamp_min(1e-6) * inside, (~inside).float()], -1)

@@ -26,7 +26,7 @@ POINTS = 64
 
 
 def main() -> None:
-    """Measure, fit and print."""
+    """Measures, fits and prints."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("datasets", nargs="+", type=Path)
     parser.add_argument("--least", type=float, default=0.8)

@@ -18,8 +18,8 @@ __all__ = ["Refine", "Target", "loss", "target"]
 
 LINE_POINTS = 160
 MOST_OFF = 1.4
-"""Diameters: the axis of a station further off is not asked for."""
-SIGMA = 0.7
+"""Distance in diameters: the axis of a station further off is not learnt."""
+TARGET_SIGMA_STATIONS = 0.7
 """Standard deviation of the target of an end, in stations."""
 WRONG = 0.3
 """Share of strips along other lines than the catheter's."""
@@ -183,7 +183,7 @@ def loss(found: tuple[Tensor, ...], target: tuple[Tensor, ...]) -> Tensor:
     total = line + 0.5 * F.binary_cross_entropy_with_logits(right, is_right)
     grid = torch.arange(ALONG, dtype=torch.float32)
     for logits, end in ((base, ends[:, 0]), (tip, ends[:, 1])):
-        wanted = torch.exp(-0.5 * ((grid - end[:, None]) / SIGMA) ** 2)
+        wanted = torch.exp(-0.5 * ((grid - end[:, None]) / TARGET_SIGMA_STATIONS) ** 2)
         wanted = wanted / wanted.sum(1, keepdim=True).clamp_min(1e-6)
         use = ((end > 0.0) & (end < ALONG - 1)).float()
         total = total + 0.3 * (-(wanted * F.log_softmax(logits, -1)).sum(1) * use).sum() / use.sum().clamp_min(1.0)

@@ -16,7 +16,7 @@ from tipforce.vision.keypoints import upright
 __all__ = ["SHARES", "Sample", "load", "split"]
 
 SHARES = {"varied": 0.6, "generalise": 0.16, "bench-2021": 0.09, "fluoro": 0.15}
-"""How often an image of each preset is drawn."""
+"""Relative frequency of the images of each preset."""
 _HELD_OUT = 20
 """One session of this number of sessions of each preset is held out, but at least four sessions."""
 
@@ -72,7 +72,7 @@ def load(folder: Path) -> list[Sample]:
 
 
 def split(samples: list[Sample]) -> tuple[list[Sample], list[Sample]]:
-    """Those to train on, and those of the sessions held out."""
+    """Returns the training samples, and the samples of held-out sessions."""
     held: set[str] = set()
     for preset in dict.fromkeys(sample.preset for sample in samples):
         names = sorted({sample.session for sample in samples if sample.preset == preset})

@@ -1,4 +1,4 @@
-"""Workers that draw training windows, and the shared memory in which these arrive."""
+"""Workers that draw training windows, and the shared memory that receives these."""
 
 from collections.abc import Iterator
 from multiprocessing import get_context, shared_memory
@@ -13,7 +13,7 @@ from bench.locator.tubes import Drawer
 from bench.locator.windows import FIELDS, SIZE, shapes, window
 
 CHUNK = 16
-"""Windows that a worker hands over at a time."""
+"""Number of windows that a worker passes at a time."""
 SLOTS = 96
 PRESET_SHARE = 0.42
 """Share of the workers that draw windows from the presets' renderers; they are slower."""
@@ -57,7 +57,7 @@ def _work(kind: str, seed: int, memory: shared_memory.SharedMemory, free: Any, f
 
 
 def _preset_windows(rng: np.random.Generator, seed: int) -> Iterator[Any]:
-    """Windows of the images kept; one image is drawn anew for every few windows."""
+    """Yields windows of stored images; one image is replaced after every few windows."""
     kept: list[presets.Sample] = []
     for sample in _preset_images(rng, seed):
         kept.append(sample)
@@ -78,7 +78,7 @@ def _preset_images(rng: np.random.Generator, seed: int) -> Iterator[presets.Samp
 
 
 class Feed:
-    """Worker processes and the shared memory that their windows arrive in.
+    """Worker processes, and the shared memory that receives their windows.
 
     The workers are forked: a feed has to be made before the process uses a GPU.
 
@@ -129,7 +129,7 @@ class Feed:
 
 
 CHECKS_SEED = 900_000
-"""Windows that judge a training are drawn from this seed on; training seeds are smaller."""
+"""First seed of the windows that evaluate a training; training seeds are smaller."""
 
 
 def write_checks(path: Path, count: int, workers: int) -> None:

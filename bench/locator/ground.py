@@ -126,7 +126,7 @@ def ground(rng: np.random.Generator, height: int, width: int) -> Float32:
 
 
 def _clutter(rng: np.random.Generator, light: Float32) -> None:
-    """Boxes, discs, slots, screws and patches on the ground, in place."""
+    """Draws boxes, discs, slots, screws and patches on the ground, in place."""
     height, width = light.shape[:2]
     for _ in range(int(rng.integers(1, 7))):
         size = rng.uniform(0.03, 0.35) * width
@@ -147,7 +147,7 @@ def _clutter(rng: np.random.Generator, light: Float32) -> None:
 
 
 def uneven_light(rng: np.random.Generator, height: int, width: int) -> Float32:
-    """Light over the bench (h, w): a gradient, spots and shadows of things out of view; mean about 1."""
+    """Returns the light over the bench (h, w), mean about 1: a gradient, spots, shadows of outside objects."""
     v, u = (values / max(height, width) - 0.5 for values in pixels(height, width))
     turn, slope = rng.uniform(0.0, 2.0 * math.pi), abs(rng.normal(0.0, 0.5))
     field = 1.0 + slope * (u * math.cos(turn) + v * math.sin(turn))

@@ -1,4 +1,4 @@
-"""Judges a checkpoint of the locator on photographs whose mouth and tip are known.
+"""Evaluates a checkpoint of the locator on photographs with known mouth and tip.
 
     python -m bench.locator.judge WEIGHTS.pt FOLDER [-o sheet.png]
 
@@ -19,7 +19,7 @@ from bench.locator.network import NOMINAL_LENGTH_PX, Locator, inputs, peaks, pro
 
 LIMIT_PX = 8.0
 SCALES = (0.5, 0.7, 1.0, 1.4)
-"""Scales of the image that are tried where no size is stated."""
+"""Scales of the image that are tried if no size is stated."""
 
 
 def load(path: Path) -> Locator:
@@ -70,7 +70,7 @@ def locate(
 
 
 def main() -> None:
-    """Judge."""
+    """Evaluates the checkpoint."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights", type=Path)
     parser.add_argument("folder", type=Path)

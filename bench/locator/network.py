@@ -59,7 +59,7 @@ class Encoder(nn.Module):
     """Image and prompts (b, 3 + PROMPTS, h, w) -> features at strides 4, 8, 16 and 32."""
 
     TAPS = (2, 4, 10, 15)
-    """Blocks whose outputs are taken."""
+    """Indices of the blocks whose outputs are used."""
     WIDTHS = (24, 40, 112, 320)
 
     def __init__(self) -> None:
@@ -206,7 +206,7 @@ def inputs(image: Tensor, planes: Tensor) -> Tensor:
 
 
 SIGMA_CELLS = 0.7
-"""Standard deviation of a point's target."""
+"""Standard deviation of the target heatmap of a point, in cells."""
 _WEIGHTS = {"heat": 1.0, "kinds": 1.5, "arc": 2.0, "direction": 0.5, "offset": 0.3, "states": 0.5, "present": 0.3}
 
 

@@ -1,4 +1,4 @@
-"""From linear light to the image of some camera: exposure, blur, noise, sharpening, compression."""
+"""Converts linear light to the image of a random camera: exposure, blur, noise, sharpening, compression."""
 
 import math
 from functools import cache

@@ -25,9 +25,9 @@ SHARES = {
     "fluoro": 0.1,
     "biplane": 0.1,
 }
-"""How often a session of each preset is drawn."""
+"""Relative frequency of the sessions of each preset."""
 PER_SESSION = 10
-"""Images of a session."""
+"""Number of images of a session."""
 WINDOWS_PER_IMAGE = 6
 FIRST_SEED = 73_000
 """Seed of the training sessions; reports use seeds below 40_000."""

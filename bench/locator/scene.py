@@ -1,4 +1,4 @@
-"""Scenes with one catheter, or none, in a bench that nobody has seen before: drawn for detection, without physics."""
+"""Random scenes of a bench with one catheter or none, drawn for detection, without physics."""
 
 import math
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ class _Body:
     hidden_root: Float
     """(n, 2) px: its course before the mouth, covered by the sheath where there is one."""
     sheath: tuple[tuple[Float, float, Surface], ...]
-    """Tubes (axis, radius, looks) that are drawn over the root, in this order."""
+    """Tubes (axis, radius, appearance) that are drawn over the root, in this order."""
 
 
 def draw(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
@@ -120,7 +120,7 @@ def _lights(rng: np.random.Generator) -> Lights:
 
 
 def _catheter_surface(rng: np.random.Generator, aspect: float) -> Surface:
-    """Looks of a catheter ``aspect`` diameters long: shaft, a distal part, rings, bands, tip electrode, segments."""
+    """Returns the surface of a catheter ``aspect`` diameters long: shaft, distal part, rings, bands, tip electrode."""
     s = np.linspace(0.0, 1.0, STATIONS)
     tint = colour(rng)
     if rng.random() < 0.15:
@@ -341,11 +341,11 @@ class _Face:
         self._rim_px = rng.uniform(-0.5, 3.0) * diameter * (1.0 if rng.random() < 0.7 else 2.5)
 
     def behind(self, canvas: SceneCanvas) -> None:
-        """Lays the tissue over the ground."""
+        """Draws the tissue over the ground."""
         canvas.light += (self._cover * self._inside)[..., None] * (self._look - canvas.light)
 
     def in_front(self, canvas: SceneCanvas, rng: np.random.Generator) -> None:
-        """Lays the tissue, or its rim that reaches toward the base, over the catheter."""
+        """Draws the tissue, or its rim that reaches toward the base, over the catheter."""
         near = np.clip(self._depth + self._rim_px, 0.0, 1.0)
         region = (near * (self._inside > 0.0) if self._rim_px < 0.0 else near).astype(np.float32)
         region *= np.clip(self._rim_px * 2.0 + rng.uniform(10.0, 60.0) - self._depth, 0.0, 1.0)

@@ -14,7 +14,7 @@ from bench.locator.tubes import Drawer
 
 
 def main() -> None:
-    """Draw and write."""
+    """Draws and writes the sheet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", dest="out", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""Trains the locator on windows that are drawn while it trains.
+"""Trains the locator on windows that are drawn during the training.
 
     python -m bench.locator.train -o DIR --imagenet WEIGHTS.pth [--windows N] [--minutes M] [--resume]
 
@@ -54,7 +54,7 @@ class Trainee:
         self._kept, self._now = [kept for kept, _ in floats], [now for _, now in floats]
 
     def learn(self, batch: dict[str, torch.Tensor], rate: float) -> dict[str, float]:
-        """One step on ``batch``."""
+        """Makes one step on ``batch``."""
         if self.name == "presets":
             chosen = batch["facts"][:, 3] > 0.5
             if int(chosen.sum()) < 8:
@@ -90,7 +90,7 @@ class Trainee:
 
     @torch.no_grad()
     def check(self, batches: list[dict[str, torch.Tensor]]) -> dict[str, float]:
-        """How well the running mean does on windows held out: see `figures`."""
+        """Returns the errors of the running mean of the weights on held-out windows: see `figures`."""
         rows = []
         for batch in batches:
             found = self.read(self.mean, batch)
@@ -107,14 +107,14 @@ class Trainee:
         return told
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on."""
+        """Returns the state from which the training can continue."""
         return {
             "network": self.network.state_dict(), "mean": self.mean.state_dict(),
             "optimiser": self.optimiser.state_dict(), "windows": self.windows,
         }  # fmt: skip
 
     def load(self, state: dict[str, Any]) -> None:
-        """Goes on from ``state``."""
+        """Continues from ``state``."""
         self.network.load_state_dict(state["network"])
         self.mean.load_state_dict(state["mean"])
         self.optimiser.load_state_dict(state["optimiser"])
@@ -151,7 +151,7 @@ def figures(found: Any, batch: dict[str, torch.Tensor]) -> dict[str, torch.Tenso
 
 
 def main() -> None:
-    """Train."""
+    """Trains the locator."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", dest="out", type=Path, required=True)
     parser.add_argument("--imagenet", type=Path)

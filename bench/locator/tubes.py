@@ -35,7 +35,7 @@ class SceneCanvas:
 
 @dataclass(slots=True)
 class Surface:
-    """How a tube looks.
+    """Appearance of a tube.
 
     ``colour`` (STATIONS, 3): albedo along the tube; ``gloss``: strength of the highlight, per station; ``shininess``:
     its exponent; ``cover``: 1 opaque; ``braid``: contrast, turns along the tube; ``attenuation`` (STATIONS,): of X-rays

@@ -23,7 +23,7 @@ UNKNOWN_KIND = 255
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """One training example; NaN where something is not stated.
+    """One training example; values that are not stated are NaN.
 
     ``image`` (SIZE, SIZE, 3) uint8; ``line`` (POINTS, 2) px; ``state`` (POINTS,); ``kind`` (CELLS, CELLS);
     ``facts`` (4,): present (0 or 1), true diameter px, true length px, source (0 compositor, 1 camera preset, 2 X-ray

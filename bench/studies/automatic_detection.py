@@ -26,7 +26,7 @@ SPREAD = 12
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measures and prints."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="varied")
     parser.add_argument("--method", default="tracer", choices=["tracer", "auto"])

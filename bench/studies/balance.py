@@ -26,7 +26,7 @@ PARTS = 16
 
 
 def measure(number: int = 0, seconds: float = 12.0, halvings: int = 2, seed: int = 0) -> dict[str, Any]:
-    """Both balances of one session: forces at the simulation's own step, energy at ``halvings`` halves of it too."""
+    """Returns both balances of a session: forces at the simulation's step, energy also with ``halvings`` halvings."""
     settings = settings_of(seconds)
     session = run_session(settings, seed, number)
     period = 1.0 / session.bench_model.parameters.beat_hz

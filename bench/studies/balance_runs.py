@@ -1,4 +1,4 @@
-"""One beating contact of the simulation again, with other time steps: even ones, or finer where something happens."""
+"""Repeats a beating contact of the simulation with other time steps: even ones, or finer ones at events."""
 
 from dataclasses import dataclass
 
@@ -54,7 +54,7 @@ class Run:
 
 
 def run(session: Session, settings: WorldSettings, finer: int) -> Run:
-    """With the simulation's step divided by ``finer``."""
+    """Runs the contact with the simulation's step divided by ``finer``."""
     trajectory = session.trajectory
     steps = (trajectory.time_s.size - 1) * finer
     return _run(session, settings, trajectory.time_s[0], np.full(steps, STEP_S / finer))

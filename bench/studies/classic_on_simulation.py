@@ -1,4 +1,4 @@
-"""In how many frames thesis algorithm 1 (`vision.method=classic`) finds the shape, and how far off it is.
+"""Measures the share of frames in which thesis algorithm 1 (`vision.method=classic`) finds the shape, and its error.
 
     python -m bench.studies.classic_on_simulation [--preset thesis-2021-plain] [--threshold 110] [--frames 165]
         [--sessions 8]
@@ -18,7 +18,7 @@ from tipforce.vision import ShapeDetector, VisionSettings
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measures and prints."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="thesis-2021-plain")
     parser.add_argument("--threshold", type=int, default=110)

@@ -79,7 +79,7 @@ def collect(path: Path, seed: int, number: int) -> None:
 
 
 def judge(path: Path, seed: int, number: int) -> dict[str, Any]:
-    """Put the clocks of a session wrong, find their map as an import does, and hold it against the truth."""
+    """Adds errors to the clocks of a session, finds their map as an import does, and compares it with the truth."""
     rng = np.random.default_rng([seed, number, 31])
     error = rng.uniform(-MAX_RATE_ERROR, MAX_RATE_ERROR) * (number % 5 != 4)
     added_s = rng.uniform(-MAX_OFFSET_S, MAX_OFFSET_S)
@@ -164,7 +164,7 @@ def _rms(values: FloatArray) -> float:
 
 
 def summarise(rows: list[dict[str, Any]]) -> list[str]:
-    """Lines by case and for all: how many were refused, covered by two standard errors, and the labels' errors."""
+    """Returns lines by case and for all: shares refused and covered by two standard errors, and the labels' errors."""
     lines: list[str] = []
     for case in (*CASES, "all"):
         own = [row for row in rows if case in (row["case"], "all")]

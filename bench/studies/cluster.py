@@ -45,7 +45,7 @@ def checksum(folder: Path) -> str:
 
 
 def kill_one(killed: list[int], folder: Path, *_: object) -> None:
-    """Kill a worker of Ray that is drawing, once, after a session is whole."""
+    """Kills a worker of Ray during its drawing, once, after a session is complete."""
     if killed or not list(folder.glob(".parts/*.json")):
         return
     for path in Path("/proc").iterdir():

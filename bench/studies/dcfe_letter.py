@@ -87,7 +87,7 @@ class Training:
                 self.loss_n += loss.detach() * (size / len(self.images))
 
     def _capture(self) -> None:
-        """Captures an epoch, after two of them to warm up that change nothing in the end."""
+        """Captures an epoch, after two epochs for warm-up whose changes are undone."""
         kept = {name: value.clone() for name, value in self.network.state_dict().items()}
         velocity = [value.clone() for value in self.velocity]
         stream = torch.cuda.Stream()

@@ -1,4 +1,4 @@
-"""Recordings with one flipped bit at a random place: is each reported, and what does checking cost?
+"""Recordings with one flipped bit at a random position: is each reported, and what does checking cost?
 
     python -m bench.studies.flipped_bits [RUN.mcap] [--times 200] [--seed 0] [--verbs 5] [--json FILE]
 
@@ -27,7 +27,7 @@ from tipforce.io import RecordingReader
 
 
 def content(path: Path) -> list[bytes]:
-    """All that a recording says: metadata, stamps and values of every stream; images as they are compressed."""
+    """Returns the contents of a recording: metadata, stamps and values of every stream, compressed images."""
     with RecordingReader(path) as reader:
         parts = [repr((reader.session_info, sorted(reader.info.metadata.items()))).encode()]
         for name, stream in reader.info.streams.items():
@@ -122,7 +122,7 @@ def measure(path: Path, times: int, seed: int, verbs: int) -> dict[str, object]:
 
 
 def main() -> None:
-    """Read the command line, print the figures."""
+    """Reads the command line, and prints the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording", type=Path, nargs="?")
     parser.add_argument("--times", type=int, default=200)

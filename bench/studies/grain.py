@@ -1,4 +1,4 @@
-"""How the noise of images hangs together: between neighbouring pixels and between colours, in their flattest parts.
+"""Measures the correlation of image noise between neighbouring pixels and between colours, in the flattest parts.
 
     python -m bench.studies.grain IMAGE_OR_RECORDING [...]
 
@@ -37,7 +37,7 @@ def grain(image: np.ndarray) -> dict[str, float]:
 
 
 def load_image(path: Path) -> np.ndarray:
-    """RGB, of an image's file or of a recording."""
+    """Returns an RGB image of a file or of a recording."""
     if path.suffix == ".mcap":
         with RecordingReader(path) as reader:
             return reader.frame_at(FRAME).image
@@ -45,7 +45,7 @@ def load_image(path: Path) -> np.ndarray:
 
 
 def main() -> None:
-    """Read the command line, print a line per image."""
+    """Reads the command line, and prints a line for each image."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("paths", type=Path, nargs="+")
     for path in parser.parse_args().paths:

@@ -32,7 +32,7 @@ COMMANDS = {
 
 
 def of_session(leader: int) -> list[int]:
-    """Processes of the session that ``leader`` began, but for those that have ended."""
+    """Returns the running processes of the session that ``leader`` began."""
     found: list[int] = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():

@@ -142,7 +142,7 @@ def kill_imports(times: int, chance: random.Random) -> None:
 
 
 def main() -> None:
-    """Read the command line."""
+    """Reads the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)

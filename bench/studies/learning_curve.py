@@ -1,4 +1,4 @@
-"""How a method's error falls with the number of samples it is trained on: random 75/25 splits, one for each seed.
+"""Measures a method's error by the number of its training samples: random 75/25 splits, one for each seed.
 
     python -m bench.studies.learning_curve DATA --estimator svr --set force=components --sizes 60 120 240 480 --seeds 5
         --json curve.json --figure curve.svg
@@ -39,7 +39,7 @@ AXES = ("x", "y", "z")
 
 
 def rmse_n(estimator: Estimator, test: Dataset) -> dict[str, Any]:
-    """RMSE in newtons of the answers, by component and for the magnitude, and the share that was refused."""
+    """Returns RMSE in newtons of the estimates, by component and for the magnitude, and the share that abstained."""
     answers = estimator.predict(test)
     force: FloatArray = np.array([answer.force_n for answer in answers])
     size: FloatArray = np.array([answer.magnitude_n for answer in answers])

@@ -1,4 +1,4 @@
-"""How well the force can be known at best: the posterior Cramer-Rao bound of a preset's sessions, frame by frame.
+"""Smallest possible error of the force: the posterior Cramer-Rao bound of a preset's sessions, frame by frame.
 
     OMP_NUM_THREADS=1 .venv/bin/python -m bench.studies.limits --preset bench-2021 --sessions 40 --out DIR
 
@@ -187,7 +187,7 @@ def parameters(figures: dict[str, Any], path: Path) -> None:
 
 
 def main() -> None:
-    """Run, print, write."""
+    """Computes the bound, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="bench-2021", choices=list(PRESETS))
     parser.add_argument("--sessions", type=int, default=40)

@@ -28,15 +28,15 @@ from tipforce.limits import (
 from tipforce.mechanics import contact_derivatives, posterior_covariance
 from tipforce.simulation import PRESETS, SimulatedBench
 
-STEPS = 30
-CONVERGED = 0.1
+MAX_STEPS = 30
+CONVERGED_SHARE = 0.1
 """A fit has converged where the next step is shorter than this share of the posterior standard deviation."""
-NEARLY_CONVERGED = 0.7
-"""And where no smaller error is found along the step, at this share."""
-SMALLEST = 1e-3
+NEARLY_CONVERGED_SHARE = 0.7
+"""A fit has converged at this share, too, if no smaller error is found along the step."""
+MIN_STEP_SHARE = 1e-3
 """Share of a step below which no smaller one is tried."""
-NEAREST_M = 0.1
-"""A camera nearer than this is none."""
+MIN_CAMERA_DISTANCE_M = 0.1
+"""Smallest plausible distance of the camera."""
 
 
 def at(inputs: BoundInputs, frame: int) -> BoundInputs:
@@ -118,7 +118,7 @@ def errors_of(inputs: BoundInputs, seen: np.ndarray, found: np.ndarray, names: l
         line = line_px(now)
     except ValueError:  # a rod bent beyond the limit of its law: too long a step
         return None
-    if now.lens.distance_m < NEAREST_M:
+    if now.lens.distance_m < MIN_CAMERA_DISTANCE_M:
         return None
     scale = inputs.lens.scale_m_per_px * 640.0 / settings.width
     errors = scale * line_errors(seen, line, settings.width, settings.height)[0]
@@ -133,7 +133,7 @@ def fit(
     errors = errors_of(inputs, seen, found, names)
     if errors is None:
         return found, False
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         rows, _, stable = centreline_jacobian(moved(inputs, dict(zip(names, found.tolist(), strict=True))))
         if not stable[0]:
             return found, False
@@ -141,10 +141,10 @@ def fit(
         left = np.concatenate([whiten @ errors, (means - found) / stds])
         whole = np.vstack([slopes * stds, np.eye(len(names))])
         step = np.linalg.lstsq(whole, left)[0]
-        if np.linalg.norm(whole @ step) < CONVERGED:
+        if np.linalg.norm(whole @ step) < CONVERGED_SHARE:
             return found + stds * step, True
         share = 1.0
-        while share > SMALLEST:
+        while share > MIN_STEP_SHARE:
             tried = found + share * stds * step
             there = errors_of(inputs, seen, tried, names)
             if (
@@ -155,13 +155,13 @@ def fit(
             share *= 0.5
         else:
             # Nothing better near: the slopes, at points a little apart from those compared, aim a little beside.
-            return found, bool(np.linalg.norm(whole @ step) < NEARLY_CONVERGED)
+            return found, bool(np.linalg.norm(whole @ step) < NEARLY_CONVERGED_SHARE)
         found, errors = tried, there
     return found, False
 
 
 def main() -> None:
-    """Draw, fit, print."""
+    """Draws, fits and prints."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="bench-2021", choices=list(PRESETS))
     parser.add_argument("--seed", type=int, default=0)

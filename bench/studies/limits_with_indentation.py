@@ -1,4 +1,4 @@
-"""How well the force can be known by an estimator that also reads how deep the tip presses into the tissue.
+"""Smallest possible error of the force for an estimator that also reads the indentation of the tissue.
 
     OMP_NUM_THREADS=1 python -m bench.studies.limits_with_indentation --sessions 40 --out build/indentation.json
 
@@ -45,7 +45,7 @@ def one(preset: str, seed: int, number: int) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
-    """Run, print, write."""
+    """Computes the bound, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="bench-2021", choices=list(CONTACT_FORCE_PRIORS_N2))
     parser.add_argument("--sessions", type=int, default=40)

@@ -34,23 +34,23 @@ from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 POINTS = 33
 FIRST_FRAME = 24
 SPREAD = 16
-"""Frames over the session that vision is calibrated on, with the session's metadata."""
-APART = 24
+"""Number of frames over the session for the calibration of vision, with the session's metadata."""
+MIN_LASTING_FRAMES = 24
 """Distance in frames from which the error that two frames share counts as lasting."""
 WRONG_PX, WRONG_TIP_PX = 2.0, 5.0
 ROBUST = 3.0
 
 
 def through_jpeg(image: np.ndarray, quality: int) -> np.ndarray:
-    """The image as a recording gives it back."""
+    """Returns the image after the compression of a recording."""
     _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
     return cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
 
 
 def line_grid(true: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Places on a line ``true`` (p, 2) px, evenly from the image's border to its end, and directions there.
+    """Positions on a line ``true`` (p, 2) px, evenly from the image's border to its end, and directions there.
 
-    Returns places, directions along the line and to its left, (POINTS, 2) each, and its length from the border on.
+    Returns positions, directions along the line and to its left, (POINTS, 2) each, and its length from the border on.
     """
     arc = arc_length(true)
     spline = CubicSpline(arc, true)
@@ -86,7 +86,7 @@ def line_errors(seen: np.ndarray, true: np.ndarray, width: int, height: int) -> 
 
 
 def session_errors(preset: str, seed: int, frames: int, number: int) -> dict[str, Any]:
-    """Errors (k, POINTS + 1) in px of the frames that were seen rightly, their numbers (k,), and how many were not."""
+    """Returns errors (k, POINTS + 1) in px of the right frames, their numbers (k,), and the number of other frames."""
     bench = SimulatedBench(PRESETS[preset], seed, number)
     quality, camera = bench.imaging.scene.jpeg_quality, bench.imaging.renderer.camera
     lines = bench.interpolator.lines_m(bench.frame_s)
@@ -122,7 +122,7 @@ def covariances(found: Iterable[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray
     pairs = 0
     for frames, errors in kept:
         bounded = np.clip(errors, -limit, limit)
-        apart = np.abs(frames[:, None] - frames) >= APART
+        apart = np.abs(frames[:, None] - frames) >= MIN_LASTING_FRAMES
         shared += bounded.T @ apart @ bounded
         pairs += int(apart.sum())
         total += bounded.T @ bounded
@@ -155,7 +155,7 @@ def draw(parts: dict[str, np.ndarray], noise: dict[str, LineNoise], arc: np.ndar
 
 
 def main() -> None:
-    """Look, fit, print, write."""
+    """Detects, fits, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="bench-2021", choices=list(PRESETS))
     parser.add_argument("--sessions", type=int, default=16)

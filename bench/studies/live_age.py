@@ -1,4 +1,4 @@
-"""How old a force can be that is still valid, for every driver and every output.
+"""Measures the largest age of a valid force, for every driver and every output.
 
     python -m bench.studies.live_age drivers [--only NAME] [--json FILE]
     python -m bench.studies.live_age outputs [--only NAME] [--json FILE]
@@ -58,7 +58,7 @@ NEWTONS = 1e-4
 
 
 def taken_s(number: int, situation: str) -> float:
-    """When image ``number`` is taken, seconds since the start."""
+    """Returns the time of image ``number``, in seconds since the start."""
     if situation == "slow camera":
         return 4.0 * number
     if situation == "slow start":
@@ -330,7 +330,7 @@ def run_driver(driver: str, situation: str, url: str, seconds: float) -> None:
 
 
 def drivers(only: str | None) -> Iterator[dict[str, Any]]:
-    """One run for each driver and situation that there is for it."""
+    """Runs each driver in each of its situations."""
     for driver in DRIVERS:
         for situation in SITUATIONS:
             if (only and only not in driver) or ("network" in situation and driver not in NETWORK):
@@ -517,7 +517,7 @@ def read_output(name: str, reader: str, port: int, zero_s: float) -> None:
 
 
 def outputs(only: str | None) -> Iterator[dict[str, Any]]:
-    """One run for each output and reader."""
+    """Runs each output with each of its readers."""
     for name, (address, _, first) in OUTPUTS.items():
         for reader in READERS:
             if only and only != name:

@@ -45,7 +45,7 @@ class Source:
 
     @property
     def height(self) -> float:
-        """How far up the curve goes, pixels."""
+        """Height of the curve in pixels."""
         return float(self.origin[1] - self.path[:, 1].min())
 
 
@@ -100,12 +100,12 @@ def distances(points: np.ndarray, line: np.ndarray) -> np.ndarray:
 
 
 def in_the_image(source: Source, line: np.ndarray) -> np.ndarray:
-    """Nothing is free: the stored curve where the chain puts it."""
+    """Returns the stored curve at the position of the chain, without free parameters."""
     return distances(drawn(source.quartic, source.origin, source.unit, 0, source.height), line)
 
 
 def fitted_alike(source: Source, line: np.ndarray) -> np.ndarray:
-    """Nothing is free: our centreline between the same ends, its own lowest point as origin, fitted the same way."""
+    """Returns our centreline between the same ends, with its lowest point as origin, fitted by the same chain."""
     ends = np.sort(cKDTree(line).query(source.path[[0, -1]])[1])
     part = line[ends[0] : ends[1] + 1]
     origin = part[part[:, 1].argmax()]

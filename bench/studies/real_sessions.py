@@ -131,7 +131,7 @@ def _print_session(name: str, rows: FloatArray) -> None:
 
 
 def main() -> None:
-    """Print the table."""
+    """Prints the table."""
     root = os.environ.get("TIPFORCE_REAL_DATA")
     if not root:
         sys.exit("set TIPFORCE_REAL_DATA to the folder that holds tendon-manipulator/")

@@ -1,4 +1,4 @@
-"""How fast recordings are written and read: a minute of 24 frames/s (640x480) and 1 kHz force.
+"""Measures the speed of writing and reading recordings: a minute of 24 frames/s (640x480) and 1 kHz force.
 
 python -m bench.studies.recording_speed [--lossless] [--minutes 1]
 """
@@ -17,7 +17,7 @@ from tipforce.types import Actuation, Frame, SensorInfo, SessionInfo, Wrench
 
 
 def main() -> None:
-    """Read the command line, print the figures."""
+    """Reads the command line, and prints the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--lossless", action="store_true")
     parser.add_argument("--minutes", type=float, default=1.0)

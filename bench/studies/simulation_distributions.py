@@ -84,7 +84,7 @@ def parameters(rows: list[dict[str, Any]], preset: str, path: Path) -> None:
 
 
 def main() -> None:
-    """Run, print, write."""
+    """Runs the sessions, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--preset", default="bench-2021", choices=list(PRESETS))
     parser.add_argument("--sessions", type=int, default=80)

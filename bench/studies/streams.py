@@ -48,7 +48,7 @@ SERVERS_OF_OURS = ("json-ws", "foxglove", "lsl")
 
 
 def images() -> list[np.ndarray]:
-    """Some of a simulated session: how well they compress counts."""
+    """Images of a simulated session, whose compression is realistic."""
     preset = PRESETS["bench-2021"]
     world = preset.world.model_copy(update={"seconds": 8.0})
     with LiveSimulation(preset.model_copy(update={"world": world}), seed=0, session=1) as bench:

@@ -33,7 +33,7 @@ TIP_PX, SIDE_PX = 5.0, 2.0
 
 
 def off_curve(points: np.ndarray, image: np.ndarray, curve: np.ndarray) -> tuple[float, np.ndarray]:
-    """How far off the tip is along the shaft, and how far each point beside the true curve; px."""
+    """Returns the error of the tip along the shaft, and the distance of each point from the true curve, in px."""
     inside = ((curve > -2) & (curve < np.array(image.shape[1::-1]) + 1)).all(axis=1)
     axis = curve[-1] - curve[-2]
     tip = abs(float((points[-1] - curve[-1]) @ axis / np.linalg.norm(axis)))
@@ -64,7 +64,7 @@ def covered(curve: np.ndarray, visible: float, size: tuple[int, int]) -> bool:
 
 
 def calibrated_together(paths: list[Path]) -> dict[str, ResolvedVision]:
-    """By view, calibrated once on `SPREAD` images spread over all recordings at ``paths``."""
+    """Returns the settings by view, calibrated once on `SPREAD` images spread over all recordings at ``paths``."""
     images: dict[str, list[np.ndarray]] = {}
     infos: dict[str, list[SessionInfo]] = {}
     for path in paths:
@@ -165,7 +165,7 @@ def figures(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Look, print, write."""
+    """Detects, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path, nargs="+")
     parser.add_argument("--every", type=int, default=12)
@@ -198,7 +198,7 @@ def main() -> None:
 
 
 def report(results: dict[str, dict[str, float]], name: str, rows: list[dict[str, Any]]) -> None:
-    """Keep and print the figures of ``rows``."""
+    """Stores and prints the figures of ``rows``."""
     results[name] = figures(rows)
     print(f"{name}: " + ", ".join(f"{key} {value:.3g}" for key, value in results[name].items()), flush=True)
 

@@ -68,8 +68,8 @@ class ProportionalIntegral:
 
     Args:
         loop_delay_s: time from the wall's motion to the clamp's response.
-            proportional: part of the force error that is corrected immediately.
-            integral: part of the force error that is corrected within one ``loop_delay_s``.
+        proportional: part of the force error that is corrected immediately.
+        integral: part of the force error that is corrected within one ``loop_delay_s``.
     """
 
     def __init__(self, loop_delay_s: float, proportional: float = 0.2, integral: float = 0.35) -> None:

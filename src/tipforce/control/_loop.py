@@ -79,8 +79,20 @@ class ControlState(StrEnum):
 class ControlTick:
     """The loop at one command.
 
-    ``target_n``: the force that is wanted at this time, 0 outside of hold. ``upper_n``: upper end of the force's
-    interval, also of an estimate that abstains because its interval is too wide; NaN where none is known.
+    Args:
+        time_s: time on the loop's clock.
+        state: state of the run.
+        target_n: the force that is wanted at this time; 0 outside of hold.
+        force_n: magnitude of the last estimate; NaN before the first.
+        low_n: lower end of its interval.
+        high_n: upper end of its interval.
+        upper_n: upper end of the interval, also of an estimate that abstains because its interval is too wide; NaN
+            where none is known.
+        valid: whether the last estimate is valid.
+        position_mm: measured position on the path.
+        applied: command that was sent.
+        gain_n_per_mm: estimated force for each mm of the path.
+        heart_hz: estimated heart rate.
     """
 
     time_s: float

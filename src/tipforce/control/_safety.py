@@ -29,7 +29,13 @@ class SafetyAction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """Command that was sent to the drives: the position on the path, and the reason if it is not the wanted one."""
+    """Command that was sent to the drives.
+
+    Args:
+        position_mm: position on the path.
+        action: response of the safety layer.
+        reason: reason of the action, or of an idle loop; "" if the command passed.
+    """
 
     position_mm: float
     action: SafetyAction
