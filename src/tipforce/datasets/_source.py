@@ -2,11 +2,10 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
+from .._system.contexts import ClosedAtExit
 from ..errors import FileFormatError, InputError
 from ..io import FileSource
 from ..io import open_source as open_file_source
@@ -16,7 +15,7 @@ from ._folder import METADATA
 from ._open import holds_samples, open_dataset
 
 
-class DatasetSource:
+class DatasetSource(ClosedAtExit):
     """One session of a dataset as a `Source`: its images and drives, never its labels.
 
     Args:
@@ -71,14 +70,6 @@ class DatasetSource:
                         "`tipforce train` and `tipforce evaluate`"
                     )
                 yield Frame(observation.stamp_ns, image, view)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Does nothing: no file is open between two iterations."""
 
 
 def file_names(source: Source, view: str) -> Mapping[int, str]:

@@ -11,11 +11,11 @@ import re
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from types import TracebackType
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import Field
 
+from .._system.contexts import ClosedAtExit
 from ..errors import DeviceError
 from ..types import JOINTS, STAGE, Actuation, AxisLimits, Clock, Commanded, Event, refuse_unknown
 from ._driver import DeclaredStream, DeviceConfig, DeviceTable, Driver, Number, Setting
@@ -456,7 +456,7 @@ class GrblStage(Driver):
         return f"hardware.{self.name}"
 
 
-class GrblActuators:
+class GrblActuators(ClosedAtExit):
     """The `Actuators` of a controller that a `HardwareSource` reads. Calls raise DeviceError while it is missing."""
 
     def __init__(self, stage: GrblStage) -> None:
@@ -495,12 +495,8 @@ class GrblActuators:
         refuse_unknown(axes, self._stage.limits)
         self._stage.halt(axes or tuple(self._stage.limits))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Stops all axes."""
         self._stage.halt(tuple(self._stage.limits))
 
 

@@ -1,14 +1,15 @@
 """Reads and writes serial ports with a time-out; each fault of a port gives one sentence."""
 
-from typing import Any, Self
+from typing import Any
 
+from .._system.contexts import ClosedAtExit
 from ..errors import DeviceError, MissingExtraError
 
 MAX_LINE_BYTES = 1024
 """A longer line is noise, or has another baud rate."""
 
 
-class LinePort:
+class LinePort(ClosedAtExit):
     """A serial port that is read line by line. Raises DeviceError, and MissingExtraError without pyserial."""
 
     def __init__(self, port: str, baud: int, where: str) -> None:
@@ -53,9 +54,3 @@ class LinePort:
             self._port.close()
         except self._lost:  # it was pulled out
             self._port = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

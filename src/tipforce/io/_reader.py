@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from types import TracebackType
-from typing import Self, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
+from .._system.contexts import ClosedAtExit
 from ..errors import FileFormatError, InputError
 from ..plausibility import ForcePlausibility
 from ..types import (
@@ -112,7 +112,7 @@ def stream_info(name: str, topic: str, kind: str, times_ns: IntArray) -> StreamI
     return StreamInfo(name, topic, kind, len(times_ns), rate, int(times_ns[0]), int(times_ns[-1]), dropped)
 
 
-class RecordingReader:
+class RecordingReader(ClosedAtExit):
     """A `Source` that reads one ``.mcap`` of ours; a context manager.
 
     Streams are named by their topics: ``/camera/compressed`` is "camera", ``/force`` "force", ``/joints`` "joints".
@@ -336,14 +336,6 @@ class RecordingReader:
     def close(self) -> None:
         """Closes the file."""
         self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def open_recording(path: Path | str) -> RecordingReader:

@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from .._system.contexts import ClosedAtExit
 from ..errors import FileFormatError, InputError
 from ..types import (
     ADVANCE,
@@ -32,7 +32,7 @@ from .bags import is_bag, open_bag
 from .video import VideoFile
 
 
-class FileSource:
+class FileSource(ClosedAtExit):
     """A video, a DICOM file, images or a folder of them as a `Source`.
 
     It may be iterated any number of times, and is read while it is iterated.
@@ -85,14 +85,6 @@ class FileSource:
                 here = {name: float(values[place]) for name, values in self._columns.items()}
                 yield Actuation(frame.stamp_ns, {name: value for name, value in here.items() if value == value})
             yield frame
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Does nothing: no file stays open between two iterations."""
 
 
 def _opened(path: Path) -> ImageFolder | ImageStack | DicomFile | VideoFile:
@@ -283,7 +275,7 @@ def _readings(reader: RecordingReader, name: str) -> FloatArray:
     return np.array([event.values[name] for event in _drive_readings(reader) if name in event.values])
 
 
-class _Stated:
+class _Stated(ClosedAtExit):
     """A recording with values or facts that a person adds."""
 
     def __init__(self, reader: RecordingReader, actuation: Mapping[str, float], stated: SessionInfo) -> None:
@@ -305,10 +297,6 @@ class _Stated:
                 yield Actuation(event.stamp_ns, self._actuation)
             yield event
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Closes the recording."""
         self.reader.close()

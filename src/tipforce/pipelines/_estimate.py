@@ -9,10 +9,11 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
+from .._system.contexts import ClosedAtExit
 from ..alignment import observations
 from ..clinical import ClinicalState, ContactMonitor, ContactSettings, Duration
 from ..datasets import file_names, open_source
@@ -224,7 +225,7 @@ def _against_knob(images: Sequence[Image], info: SessionInfo, view: str, asked_p
     return bends_against_knob(vision, images, info, asked_per_m)
 
 
-class _Given:
+class _Given(ClosedAtExit):
     """Images or frames of the caller's as a `Source`, with constant readings in front of them."""
 
     def __init__(
@@ -243,14 +244,6 @@ class _Given:
             if number == 0 and self._actuation:
                 yield Actuation(frame.stamp_ns, self._actuation)
             yield frame
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """The frames are the caller's."""
 
 
 def write_estimates(

@@ -5,11 +5,11 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Protocol, Self, TypeVar, runtime_checkable
 
 from pydantic import Field, model_validator
 
+from .._system.contexts import ClosedAtExit
 from ..datasets import open_source
 from ..errors import InputError
 from ..estimators import Estimator
@@ -161,7 +161,7 @@ def slow_bench(clock: Clock, rate_hz: float, remedy: str) -> str:
     )
 
 
-class _CurrentDrives:
+class _CurrentDrives(ClosedAtExit):
     """The drives of the simulated session that is in progress."""
 
     def __init__(self, simulation: LiveSimulation) -> None:
@@ -187,14 +187,6 @@ class _CurrentDrives:
         """See `Actuators`."""
         self._simulation.actuators.stop(*axes)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Each session stops its own."""
-
     def _of_same_session(self, use: Callable[[Actuators], _T]) -> _T:
         same, self._session = self.sessions == self._session, self.sessions
         try:
@@ -206,7 +198,7 @@ class _CurrentDrives:
         return done
 
 
-class _BenchInRealTime:
+class _BenchInRealTime(ClosedAtExit):
     """A simulated session over and over, on one clock.
 
     ``actuators``: the drives of the present session. ``home_mm``: position of its clamp when it begins.
@@ -243,14 +235,6 @@ class _BenchInRealTime:
         rate_hz = 1.0 / self.frame_period_s
         fewer = f"state fewer images, as in `--set rate_hz={max(1.0, rate_hz / 2):.0f}`"
         return slow_bench(self._simulation.clock, rate_hz, fewer)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """The session ends with the iteration."""
 
 
 @runtime_checkable

@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from ..clinical import ContactSettings
@@ -42,9 +41,7 @@ class LivePage:
         self._server = serve(None, host=self._at.host, port=self._at.port, token=self._at.token)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.server.close()
 
     @property

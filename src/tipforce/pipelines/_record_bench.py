@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
+from .._system.contexts import ClosedAtExit
 from ..alignment import OffsetChoice, TareChoice
 from ..errors import DeviceError, InputError
 from ..hardware import (
@@ -192,7 +192,7 @@ class BenchRecording:
         return Ended(notes, None if self.guide is None else self.guide.tare_s)
 
 
-class _Watched:
+class _Watched(ClosedAtExit):
     """A source with its meters, a guide, and an end."""
 
     def __init__(
@@ -245,14 +245,6 @@ class _Watched:
             for (name, kind), meter in tuple(self._meters.items())
         )  # fmt: skip
         return (DeviceHealth("simulated bench", "connected", 1, (), {}, self._force.remark, streams),)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """The source is closed by whoever opened it."""
 
 
 def _stream(event: Event) -> tuple[str, Any]:

@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cached_property
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
+from .._system.contexts import ClosedAtExit
 from ..types import (
     ActuationInfo,
     BoolArray,
@@ -34,7 +34,7 @@ _MAX_FRAMES = 1_000_000
 """More images than any session has. Where sessions share a camera, each session has its own range of noise seeds."""
 
 
-class SimulatedBench:
+class SimulatedBench(ClosedAtExit):
     """Session ``session`` of ``seed`` on the bench of ``settings``: images, force readings, knob and stage.
 
     A `Source` and context manager. Camera, knob and stage are stamped by the camera's clock, whose zero is the time of
@@ -70,14 +70,6 @@ class SimulatedBench:
         self.name = name or f"session_{session:02d}"
         self.clock: Clock = SimulatedClock()
         """Simulated time on the camera's clock: the time of the event that was yielded last."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        pass  # nothing is held open
 
     def _rng(self, purpose: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, self.number, purpose])

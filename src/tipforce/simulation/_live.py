@@ -11,6 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from .._system.contexts import ClosedAtExit
 from ..types import (
     ADVANCE,
     KNOB,
@@ -35,7 +36,7 @@ _PER_UNIT = {ADVANCE: 1e3, KNOB: 1.0, STAGE_FORWARD: 1e3, STAGE_ACROSS: 1e3}
 _DIGITS = {ADVANCE: 4, KNOB: 2, STAGE_FORWARD: 4, STAGE_ACROSS: 4}
 
 
-class SimulatedActuators:
+class SimulatedActuators(ClosedAtExit):
     """The `Actuators` of a session: ``advance_mm``, ``knob_deg`` where there is a knob, and the stage's two axes.
 
     Each axis follows the session's own programme until it is commanded or stopped. A command counts from the first
@@ -105,12 +106,8 @@ class SimulatedActuators:
             for name in axes or self._drives:
                 self._command_axis(name, now, math.nan)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Stops all axes; they do not move again."""
         if self._open:
             self.stop()
         self._open = False

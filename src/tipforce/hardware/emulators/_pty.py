@@ -4,7 +4,6 @@ import os
 import select
 import threading
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 _POLL_S = 0.002
@@ -74,9 +73,7 @@ class PtyDevice:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stopped.set()
         self._thread.join()
         self.unplug()

@@ -5,11 +5,11 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
+from ..._system.contexts import ClosedAtExit
 from ...errors import FileFormatError, InputError, TimeError
 from ...types import FORCE_RANGE, Actuation, BagInfo, Event, FloatArray, Frame, IntArray, SessionInfo, actuation_range
 from .._container import is_foreign
@@ -36,7 +36,7 @@ def is_bag(path: Path) -> bool:
 
 
 @dataclass(slots=True)
-class Bag:
+class Bag(ClosedAtExit):
     """A `Source` of the images of a bag, with its forces and its readings of drives.
 
     Attributes:
@@ -120,14 +120,6 @@ class Bag:
                 heapq.heappush(waiting, (stamp, place, name, message.content))
                 yield from due(REORDERED_FRAMES)
         yield from due(0)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Does nothing: no file stays open between two iterations."""
 
 
 class _Wide:

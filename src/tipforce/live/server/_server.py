@@ -10,8 +10,6 @@ import threading
 from collections import deque
 from collections.abc import Awaitable, Callable
 from importlib import resources
-from types import TracebackType
-from typing import Self
 
 import uvicorn
 from starlette.applications import Starlette
@@ -20,6 +18,7 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from ..._system.contexts import ClosedAtExit
 from ...errors import InputError
 from ...types import SessionInfo
 from .._update import LiveUpdate
@@ -68,7 +67,7 @@ class PageSink:
         """Does nothing: pages notice by themselves that nothing new comes."""
 
 
-class PageServer:
+class PageServer(ClosedAtExit):
     """A running server. A context manager: leaving it closes the server.
 
     Attributes:
@@ -137,14 +136,6 @@ class PageServer:
             self._thread.join(_STOP_S)
             if self._thread.is_alive():
                 _log.warning("the page's server did not end within %g s", _STOP_S)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def serve(
