@@ -87,7 +87,7 @@ def test_without_pydicom_the_install_line_is_named(tmp_path, monkeypatch):
 
     def gone(name, package=None):
         if name == "pydicom":
-            raise ImportError(name)
+            raise ModuleNotFoundError(name)
         return real(name, package)
 
     monkeypatch.setattr(importlib, "import_module", gone)

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..errors import InputError, MissingExtraError
+from ..errors import InputError
 from .cores import cores
+from .extras import import_extra
 from .processes import Task, limit_threads
 
 ADDRESS = "RAY_ADDRESS"
@@ -208,10 +209,7 @@ def _version() -> str:
 
 def _import_ray() -> Any:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage data leave this machine
-    try:
-        return importlib.import_module("ray")
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("ray", extra="cluster") from error
+    return import_extra("ray", "cluster")
 
 
 @contextmanager

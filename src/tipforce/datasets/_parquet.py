@@ -5,7 +5,6 @@ The images of ``file_name`` are in the column ``image``, those of ``VIEW_file_na
 folder.
 """
 
-import importlib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FileFormatError, MissingExtraError, TableError
+from .._system.extras import import_extra
+from ..errors import FileFormatError, TableError
 from ..io import StreamDepth, decode_image
 from ..types import FloatArray, IntArray, Observation
 from ._checks import check_shards
@@ -30,10 +30,7 @@ IMAGE = "image"
 
 def arrow() -> tuple[Any, Any]:
     """Returns the modules pyarrow and pyarrow.parquet. Raises MissingExtraError."""
-    try:
-        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ModuleNotFoundError:
-        raise MissingExtraError("pyarrow", extra="parquet") from None
+    return import_extra("pyarrow", "parquet"), import_extra("pyarrow.parquet", "parquet")
 
 
 def open_shards(paths: Sequence[Path], name: str, *, whole: bool = False) -> Dataset:

@@ -1,6 +1,5 @@
 """ATI force sensors whose gauges are read by a data acquisition card (NI-DAQmx), with the sensor's calibration file."""
 
-import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from .._system.arrival_clock import ArrivalClock, ClockReport
-from ..errors import DeviceError, FileFormatError, MissingExtraError
+from .._system.extras import import_extra
+from ..errors import DeviceError, FileFormatError
 from ..types import Clock, Event, FloatArray, Wrench
 from ._driver import DeclaredStream, DeviceConfig, Driver, Setting
 from ._net_ft import unit_in_newton_metres, unit_in_newtons
@@ -160,7 +160,7 @@ class DaqForce(Driver):
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
         """Starts to sample the gauges continuously."""
-        module = self._nidaqmx or _nidaqmx()
+        module = self._nidaqmx or import_extra("nidaqmx", "hardware")
         low, high = self.calibration.range_v
         kinds = module.constants
         try:
@@ -197,7 +197,7 @@ class DaqForce(Driver):
     def read(self, timeout_s: float) -> Sequence[Event]:
         """Returns a block of samples. Samples with a saturated gauge give no force and are counted."""
         assert self._clock is not None
-        module = self._nidaqmx or _nidaqmx()
+        module = self._nidaqmx or import_extra("nidaqmx", "hardware")
         count = max(1, round(_BLOCK_S * self._rate_hz))
         try:
             rows = self._task.read(number_of_samples_per_channel=count, timeout=max(timeout_s, 2 * _BLOCK_S))
@@ -237,7 +237,7 @@ class DaqForce(Driver):
     def close(self) -> None:
         """Releases the card."""
         if self._task is not None:
-            module = self._nidaqmx or _nidaqmx()
+            module = self._nidaqmx or import_extra("nidaqmx", "hardware")
             try:
                 self._task.close()
             except module.errors.Error as error:  # it was pulled out
@@ -251,10 +251,3 @@ class DaqForce(Driver):
     @property
     def _where(self) -> str:
         return f"hardware.{self.name}: {self.config.channels}"
-
-
-def _nidaqmx() -> Any:
-    try:
-        return importlib.import_module("nidaqmx")  # imports its constants and errors, too
-    except ModuleNotFoundError:
-        raise MissingExtraError("nidaqmx", extra="hardware") from None

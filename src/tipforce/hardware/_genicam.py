@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from .._system.arrival_clock import ArrivalClock, ClockReport
-from ..errors import DeviceError, MissingExtraError
+from .._system.extras import import_extra
+from ..errors import DeviceError
 from ..types import Clock, Event, Frame, Image
 from ._arrival import MAX_WAIT_NS, ArrivalWait, LatenessCheck
 from ._driver import DeclaredStream, DeviceConfig, Driver, Number, Setting
@@ -68,10 +69,7 @@ class GenICamCamera(Driver):
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
         """Finds the camera, sets and reads back its features, and starts it."""
-        try:
-            from harvesters.core import Harvester  # pyright: ignore[reportMissingImports]
-        except ModuleNotFoundError:
-            raise MissingExtraError("harvesters", extra="hardware") from None
+        harvesters = import_extra("harvesters.core", "hardware")
         config = self.config
         if not config.producer.is_file():
             raise DeviceError(f"{self._where}: there is no GenTL producer {config.producer}")
@@ -79,7 +77,7 @@ class GenICamCamera(Driver):
         self._map, self._wait, self._late = ArrivalClock(MAX_STEP_NS), ArrivalWait(local=True), LatenessCheck()
         self._heard_ns, self._asked_ns = clock.now_ns(), 0
         try:
-            self._harvester = Harvester()
+            self._harvester = harvesters.Harvester()
             self._harvester.add_file(str(config.producer))
             self._harvester.update()
             numbers = [info.serial_number for info in self._harvester.device_info_list]

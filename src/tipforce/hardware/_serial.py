@@ -3,7 +3,8 @@
 from typing import Any
 
 from .._system.contexts import ClosedAtExit
-from ..errors import DeviceError, MissingExtraError
+from .._system.extras import import_extra
+from ..errors import DeviceError
 
 MAX_LINE_BYTES = 1024
 """A longer line is noise, or has another baud rate."""
@@ -13,10 +14,7 @@ class LinePort(ClosedAtExit):
     """A serial port that is read line by line. Raises DeviceError, and MissingExtraError without pyserial."""
 
     def __init__(self, port: str, baud: int, where: str) -> None:
-        try:
-            import serial
-        except ModuleNotFoundError:
-            raise MissingExtraError("pyserial", extra="hardware") from None
+        serial = import_extra("serial", "hardware", package="pyserial")
         self._lost: tuple[type[Exception], ...] = (serial.SerialException, OSError)
         self._where = f"{where}: {port}"
         self._rest = b""

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import FileFormatError, MissingExtraError, TimeError
+from .._system.extras import import_extra
+from ..errors import FileFormatError, TimeError
 from ..types import Frame, Image
 from ._image_size import check_pixels
 from ._square_pixels import square_pixels
@@ -45,10 +46,7 @@ def _checked_count(path: Path, data: Any) -> int:
 
 
 def _read(path: Path, *, pixels: bool) -> Any:
-    try:
-        pydicom: Any = importlib.import_module("pydicom")
-    except ImportError:
-        raise MissingExtraError("pydicom", extra="dicom") from None
+    pydicom = import_extra("pydicom", "dicom")
     try:
         return pydicom.dcmread(path, stop_before_pixels=not pixels)
     except Exception as error:  # several parsers read a damaged file, and each raises its own kind of error

@@ -22,18 +22,6 @@ def require_torch() -> None:
             raise MissingExtraError(package, extra="train")
 
 
-def import_extra(name: str) -> Any:
-    """Imports a package of the extra ``[train]``. Its contents are unknown to the type checker.
-
-    Raises:
-        MissingExtraError: the package is not installed.
-    """
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        raise MissingExtraError((error.name or name).split(".")[0], extra="train") from None
-
-
 @dataclass(frozen=True, slots=True)
 class Device:
     """Device and precision of a training.

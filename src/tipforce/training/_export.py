@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ._device import import_extra
+from .._system.extras import import_extra
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -53,8 +53,8 @@ def export_graph(
     Raises:
         MissingExtraError: torch, onnx or onnxscript is not installed.
     """
-    torch, onnx = import_extra("torch"), import_extra("onnx")
-    optimizer = import_extra("onnxscript.optimizer")
+    torch, onnx = import_extra("torch", "train"), import_extra("onnx", "train")
+    optimizer = import_extra("onnxscript.optimizer", "train")
     exported = _replace_mean_pooling(copy.deepcopy(network).cpu().float().eval())
     kinds = {"uint8": torch.uint8, "float32": torch.float32}
     # two samples: a batch of one would be taken for a constant
@@ -87,7 +87,7 @@ def graph_weights(graph: bytes) -> dict[str, npt.NDArray[np.float32]]:
 
     Large ones are rounded to half precision. The counters of batch normalisation are not among them.
     """
-    onnx = import_extra("onnx")
+    onnx = import_extra("onnx", "train")
     found = {each.name: onnx.numpy_helper.to_array(each) for each in onnx.load_from_string(graph).graph.initializer}
     return {name: array.astype(np.float32) for name, array in found.items() if not name.startswith(_CONSTANT)}
 
@@ -101,7 +101,7 @@ def parity_n(
     """
     import onnxruntime
 
-    torch = import_extra("torch")
+    torch = import_extra("torch", "train")
     session = onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"])
     names = [each.name for each in session.get_outputs()]
     found: npt.NDArray[Any] = np.asarray(session.run([output], dict(batch))[0], np.float64)
@@ -116,7 +116,7 @@ def parity_n(
 
 def _replace_mean_pooling(network: "nn.Module") -> "nn.Module":
     """Replaces mean pooling to one pixel by a mean: with channels last torch would export it with a Gather after it."""
-    torch = import_extra("torch")
+    torch = import_extra("torch", "train")
 
     class Mean(torch.nn.Module):
         def forward(self, x: Any) -> Any:
@@ -131,7 +131,7 @@ def _replace_mean_pooling(network: "nn.Module") -> "nn.Module":
 
 def to_single_precision(model: Any) -> None:
     """Reverts the storage in half precision, in place: every initialiser is fp32 and no Cast follows it."""
-    onnx = import_extra("onnx")
+    onnx = import_extra("onnx", "train")
     graph = model.graph
     for node in [node for node in graph.node if len(node.output) == 1 and node.output[0].endswith(_FP32)]:
         graph.node.remove(node)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ._device import import_extra
+from .._system.extras import import_extra
 from ._export import to_single_precision
 
 MAX_ERROR_GROWTH = 0.05
@@ -47,7 +47,7 @@ def quantise(graph: bytes, batches: Iterable[_Inputs]) -> bytes:
     """
     import onnxruntime
 
-    onnx, tool = import_extra("onnx"), import_extra("onnxruntime.quantization")
+    onnx, tool = import_extra("onnx", "train"), import_extra("onnxruntime.quantization", "train")
     model = onnx.load_from_string(graph)
     metadata = {each.key: each.value for each in model.metadata_props}
     to_single_precision(model)

@@ -96,7 +96,7 @@ def test_without_pydicom_the_install_line_is_named(tmp_path, scene: XrayScene, m
 
     def gone(name: str, package: str | None = None):
         if name == "pydicom":
-            raise ImportError(name)
+            raise ModuleNotFoundError(name)
         return real(name, package)
 
     monkeypatch.setattr(importlib, "import_module", gone)

@@ -4,13 +4,12 @@
 ``target_test`` (n, 3, 1, 1) in newtons. MATLAB 7.3 files. The rows are not the frames of one video: stamps are counts.
 """
 
-import importlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ...errors import FileFormatError, MissingExtraError
+from ..._system.extras import import_extra
+from ...errors import FileFormatError
 from ...types import Catheter, FloatArray, SessionInfo
 from .._dataset import Dataset
 from .._stores import ImageArray
@@ -51,10 +50,7 @@ def open_layout(folder: Path) -> Dataset:
 
 
 def _read(path: Path, key: str, shape: tuple[int | None, ...]) -> FloatArray:
-    try:
-        h5py: Any = importlib.import_module("h5py")
-    except ModuleNotFoundError:
-        raise MissingExtraError("h5py", extra="real-data") from None
+    h5py = import_extra("h5py", "real-data")
     try:
         with h5py.File(path, "r") as file:
             values = np.asarray(file[key], dtype=np.float64)

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import MissingExtraError, ModelError
+from ..._system.extras import import_extra
+from ...errors import ModelError
 from ...types import FloatArray
 from ._machine import Machines
 
@@ -26,10 +27,7 @@ def regression_graph(machines: Machines, names: Sequence[str], targets: Sequence
     among the facts: the largest deviation from this program on probes around the support vectors. Raises ModelError
     where that reaches `PARITY_N`, MissingExtraError without onnx.
     """
-    try:
-        onnx: Any = importlib.import_module("onnx")
-    except ModuleNotFoundError:
-        raise MissingExtraError("onnx", extra="onnx") from None
+    onnx = import_extra("onnx", "onnx")
     runtime: Any = importlib.import_module("onnxruntime")  # here, for it takes its time
     model = _graph(onnx, machines, {"features": ", ".join(names), "targets": ", ".join(targets)})
     onnx.checker.check_model(model)

@@ -1,13 +1,13 @@
 """Opens a bag and reads its topics, and its messages with their stamps."""
 
-import importlib
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import FileFormatError, InputError, MissingExtraError, TipforceError
+from ..._system.extras import import_extra
+from ...errors import FileFormatError, InputError, TipforceError
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +31,7 @@ class BagMessage:
 @contextmanager
 def _opened(path: Path) -> Generator[Any]:
     """Opens the bag at ``path``. Raises FileFormatError for a damaged one."""
-    try:
-        highlevel: Any = importlib.import_module("rosbags.highlevel")
-        typesys: Any = importlib.import_module("rosbags.typesys")
-    except ImportError:
-        raise MissingExtraError("rosbags", extra="ros") from None
+    highlevel, typesys = import_extra("rosbags.highlevel", "ros"), import_extra("rosbags.typesys", "ros")
     try:
         # bags of ROS 2 before 2023 do not hold the definitions of their messages
         known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

@@ -1,12 +1,12 @@
 """Reads workbooks (.xlsx) as tables."""
 
 import datetime
-import importlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ...errors import FileFormatError, MissingExtraError, TableError
+from ..._system.extras import import_extra
+from ...errors import FileFormatError, TableError
 from ...types import LogInfo
 from ._cells import CellTable
 from ._columns import listed
@@ -25,10 +25,7 @@ def open_workbook(path: Path, log: LogInfo, key: str) -> CellTable:
         TableError: several sheets have cells, or the table has no header.
         MissingExtraError: openpyxl is not installed.
     """
-    try:
-        openpyxl: Any = importlib.import_module("openpyxl")
-    except ImportError:
-        raise MissingExtraError("openpyxl", extra="tables") from None
+    openpyxl = import_extra("openpyxl", "tables")
     try:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         try:

@@ -1,28 +1,13 @@
 """Address of an output (``--out``): a kind of sink, its target, and its options."""
 
-import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from ...errors import InputError, MissingExtraError
+from ...errors import InputError
 
 MAX_PORT = 65535
-
-
-def import_extra(name: str) -> Any:
-    """Imports a package of the extra ``[stream]``; its contents are unknown to the type checker.
-
-    Raises:
-        MissingExtraError: it is not installed.
-    """
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        package = {"foxglove": "foxglove-sdk"}.get(name, name)
-        raise MissingExtraError(package, extra="stream") from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,10 +5,11 @@ import sys
 import time
 from typing import Any
 
+from ..._system.extras import import_extra
 from ...io import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, encode_image, pack_estimate, pack_image
 from ...types import Image, SessionInfo
 from .._update import LiveUpdate
-from ._address import Address, import_extra
+from ._address import Address
 from ._message import LiveMessage, message_of
 from ._server import OriginDoor
 
@@ -42,7 +43,7 @@ class FoxgloveServer:
         self.name = address.text
         self._target = address.with_port(PORT)
         self._origins = (APP, DESKTOP, *address.options.get("origin", ()))
-        self._foxglove = import_extra("foxglove")
+        self._foxglove = import_extra("foxglove", "stream", package="foxglove-sdk")
         self._session, self._model = SessionInfo(), ""
         self._context: Any = None
         self._server: Any = None

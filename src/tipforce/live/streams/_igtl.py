@@ -12,9 +12,10 @@ import time
 
 import numpy as np
 
+from ..._system.extras import import_extra
 from ...types import FloatArray, SessionInfo
 from .._update import LiveUpdate
-from ._address import Address, import_extra
+from ._address import Address
 from ._message import message_of
 from ._tip import tip_pose
 
@@ -49,7 +50,7 @@ class OpenIGTLink:
         address.only()
         self.name = address.text
         self._target = address.with_port(PORT)
-        self._igtl = import_extra("pyigtl")
+        self._igtl = import_extra("pyigtl", "stream")
         self._session, self._model = SessionInfo(), ""
         self._socket: socket.socket | None = None
         self._unsent = b""

@@ -4,10 +4,11 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
+from ..._system.extras import import_extra
 from ...errors import InputError
 from ...types import SessionInfo, Status
 from .._update import LiveUpdate
-from ._address import Address, import_extra
+from ._address import Address
 
 STATUS_CODES = {status: number for number, status in enumerate(Status)}
 """Number of each status: 0 is valid. The description of the stream states them."""
@@ -45,7 +46,7 @@ class LabStreamingLayer:
             raise InputError(f"out={address.text}: expected lsl://NAME, as in lsl://{_DEFAULT_NAME}")
         self.name = address.text
         self._stream = address.place or _DEFAULT_NAME
-        self._lsl = import_extra("pylsl")
+        self._lsl = import_extra("pylsl", "stream")
         self._outlet: Any = None
 
     def start(self, info: SessionInfo, model: str) -> None:

@@ -1,6 +1,5 @@
 """A run of X-ray images as a DICOM XA file (X-Ray Angiographic Image Storage, PS3.3 A.14)."""
 
-import importlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ....errors import InputError, MissingExtraError
+from ...._system.extras import import_extra
+from ....errors import InputError
 from ._scene import XrayScene
 
 RESEARCH_NOTE = "Research use only. Simulated image of no patient, made by tipforce."
@@ -34,10 +34,7 @@ def write_dicom(
 
     Raises MissingExtraError without pydicom, InputError for frames of different shapes or stamps that do not rise.
     """
-    try:
-        pydicom: Any = importlib.import_module("pydicom")
-    except ImportError:
-        raise MissingExtraError("pydicom", extra="dicom") from None
+    pydicom = import_extra("pydicom", "dicom")
     kind = np.uint8 if bits == 8 else np.uint16
     shapes = {(frame.shape, frame.dtype) for frame in frames}
     if len(shapes) != 1 or len(next(iter(shapes))[0]) != 2 or next(iter(shapes))[1] != kind:
