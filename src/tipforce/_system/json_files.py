@@ -4,6 +4,7 @@ All JSON of the library is read here, except for values on the command line (``-
 """
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -132,3 +133,15 @@ def _inside(value: Any) -> list[Any]:
     if isinstance(value, dict):
         return list(value.values())  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
     return value if isinstance(value, list) else []  # pyright: ignore[reportUnknownVariableType]
+
+
+def flat_values(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Returns nested values by their full keys, which begin with ``before``.
+
+    >>> flat_values({"views": {"camera": {"fps": 30}}})
+    {'views.camera.fps': 30}
+    """
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        flat |= flat_values(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
+    return flat

@@ -354,7 +354,8 @@ class ControlLoop:
         settings = self.settings
         match self.state:
             case ControlState.IDLE:
-                if self._again and self._valid_for(now_s) >= settings.restart_valid_s:
+                valid_s = 0.0 if self._valid_since_s is None else now_s - self._valid_since_s
+                if self._again and valid_s >= settings.restart_valid_s:
                     self._again, self.restarts = False, self.restarts + 1
                     self.start()
                 return Applied(position, self.safety.check()[0], self.reason)
@@ -450,9 +451,6 @@ class ControlLoop:
             return 0.0
         size = self.settings.dither_n / self._observer.gain_n_per_mm
         return size * math.sin(2.0 * math.pi * _DITHER_RATE_RATIO * self._observer.heart_hz * now_s)
-
-    def _valid_for(self, now_s: float) -> float:
-        return 0.0 if self._valid_since_s is None else now_s - self._valid_since_s
 
     def _position_at(self, time_s: float) -> float:
         """Returns the position of the catheter at ``time_s``, interpolated between the readings of the drives."""

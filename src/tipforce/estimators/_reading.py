@@ -8,7 +8,18 @@ import numpy as np
 
 from ..datasets import Dataset
 from ..errors import InputError
-from ..types import ADVANCE, KNOB, FloatArray, Observation, SessionInfo, Status, View, actuation_range
+from ..types import (
+    ADVANCE,
+    KNOB,
+    FloatArray,
+    Image,
+    Observation,
+    SessionInfo,
+    ShapeFeatures,
+    Status,
+    View,
+    actuation_range,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +36,14 @@ def read_view(observation: Observation, view: str, setting: str) -> View | Abste
     if found is None:
         there = ", ".join(observation.views) or "none"
         return Abstention(Status.MISSING_INPUT, f"there is no view {view!r}, as {setting} says; there is {there}")
+    return found
+
+
+def read_image(observation: Observation, view: str, setting: str) -> Image | Abstention:
+    """Returns the image of ``view``, which ``setting`` names, or an abstention where there are only shape features."""
+    found = read_view(observation, view, setting)
+    if isinstance(found, ShapeFeatures):
+        return Abstention(Status.MISSING_INPUT, "this method needs images; these data are shape features")
     return found
 
 

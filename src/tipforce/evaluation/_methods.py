@@ -73,12 +73,13 @@ def methods_from(
             begin = load_initial_model(estimator, init_from)
             if isinstance(estimator, FineTunable) and begin is not None:
                 estimator = estimator.fine_tuned_from(begin)
+            folder = None if init_from is None else initial_model_folder(estimator, init_from)
             made.append(
                 Method(
                     model,
                     estimator,
                     trained_sessions=begin.training_sessions if begin else estimator.training_sessions,
-                    initial_sha256="" if init_from is None else _sha256_of(initial_model_folder(estimator, init_from)),
+                    initial_sha256="" if folder is None else str(read_manifest(folder)["sha256"]["model.json"]),
                 )
             )
         else:
@@ -100,10 +101,6 @@ def _learning_from_the_rest(estimator: Estimator) -> Estimator:
     if "max_left_out" not in type(settings).model_fields or "max_left_out" in settings.model_fields_set:
         return estimator
     return estimator.with_settings(settings.model_copy(update={"max_left_out": 1.0}))
-
-
-def _sha256_of(folder: str) -> str:
-    return str(read_manifest(folder)["sha256"]["model.json"])
 
 
 def _saved(folder: str) -> Method:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from .._system.json_files import flat_values
 from ..estimators import Estimator
 from ._constant import Constant
 from ._evaluate import Evaluation
@@ -111,17 +112,10 @@ def _differences(evaluation: Evaluation, result: MethodResult, estimator: Estima
     stated = estimator.settings.model_dump(mode="json")
     found += [
         f"{key}={_text(_at(stated, key))} (to the letter: {_text(value)})"
-        for key, value in _flat(letter).items()
+        for key, value in flat_values(letter).items()
         if key.split(".")[0] not in _NO_CONDITION and _at(stated, key) != value
     ]
     return found
-
-
-def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        flat |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
-    return flat
 
 
 def _at(values: Any, key: str) -> Any:

@@ -121,10 +121,6 @@ def _zeros() -> FloatArray:
     return np.zeros(3)
 
 
-def _nans() -> FloatArray:
-    return np.full(3, math.nan)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Tare:
     """The reading of the sensor without contact, which is subtracted from every reading.
@@ -138,7 +134,7 @@ class Tare:
     """
 
     force_n: FloatArray = field(default_factory=_zeros)
-    stderr_n: FloatArray = field(default_factory=_nans)
+    stderr_n: FloatArray = field(default_factory=lambda: np.full(3, math.nan))
     stretches_s: tuple[tuple[float, float], ...] = ()
     how: Literal["stated", "detected", "none"] = "none"
     detail: str = ""
@@ -171,14 +167,6 @@ class Tare:
         )
 
 
-def _no_gains() -> FloatArray:
-    return np.zeros((0, 3))
-
-
-def _no_beat() -> FloatArray:
-    return np.zeros((0, 2, 3))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertia:
     """The reading that a sensor on a moving stage gives because of the mass that it carries.
@@ -200,14 +188,14 @@ class Inertia:
     """
 
     axes: tuple[str, ...] = ()
-    gain_kg: FloatArray = field(default_factory=_no_gains)
+    gain_kg: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     lag_ns: int = 0
     how: Literal["estimated", "none"] = "none"
     detail: str = ""
     rate: float = 1.0
     reference_ns: int = 0
     beat_hz: float = 0.0
-    beat_n: FloatArray = field(default_factory=_no_beat)
+    beat_n: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 3)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gain_kg", frozen("gain_kg", np.round(self.gain_kg, _DIGITS), (len(self.axes), 3)))

@@ -185,7 +185,7 @@ class BenchRecording:
         self.health_at_end = self.health()
         notes = {
             "tipforce.clock": _clock_statement(self._watched.clock, self.health_at_end),
-            "tipforce.devices": {"json": _json([_health_values(device) for device in self.health_at_end])},
+            "tipforce.devices": {"json": _json([asdict(device) for device in self.health_at_end])},
         }
         if self._hardware is not None:
             notes["tipforce.hardware"] = {"json": _json(self._hardware.described)}
@@ -286,10 +286,6 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(each) for each in value]  # pyright: ignore[reportUnknownVariableType]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _health_values(device: DeviceHealth) -> dict[str, Any]:
-    return asdict(device) | {"settings": [asdict(setting) for setting in device.settings]}
 
 
 def _clock_statement(clock: Clock, devices: tuple[DeviceHealth, ...]) -> dict[str, str]:

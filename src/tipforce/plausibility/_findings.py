@@ -109,10 +109,6 @@ class ForceFinding:
         )
 
 
-def _no_stretches() -> IntArray:
-    return np.empty((0, 2), np.int64)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ForcePlausibility:
     """Findings of a force log, and its readings that may be used.
@@ -130,7 +126,7 @@ class ForcePlausibility:
     """
 
     findings: tuple[ForceFinding, ...] = ()
-    unusable_ns: IntArray = field(default_factory=_no_stretches)
+    unusable_ns: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int64))
     dead_axes: str = ""
     zero_steps: Mapping[int, tuple[float, float, float]] = field(default_factory=dict[int, tuple[float, float, float]])
     drift_n_per_s: tuple[float, float, float] = (0.0, 0.0, 0.0)

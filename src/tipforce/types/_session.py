@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from annotated_types import Interval
 
+from .._system.json_files import flat_values
 from ..errors import InputError
 from ._arrays import FloatArray
 from ._ranges import RANGES, actuation_range
@@ -368,7 +369,7 @@ class SessionInfo:
             for key, value in self.values().items()
             if isinstance(value, dict) and key not in FILE_FORMAT_SECTIONS
         }
-        return tuple(key for key in _flat(parts) if key != "catheter.name")
+        return tuple(key for key in flat_values(parts) if key != "catheter.name")
 
     def only(self, keys: Iterable[str]) -> "SessionInfo":
         """Returns these metadata with only ``keys`` of the values of catheter, views, sensor, actuation and tissue."""
@@ -396,13 +397,6 @@ def merged_values(values: Mapping[str, Any], stated: Mapping[str, Any]) -> dict[
         own = made.get(key)
         made[key] = merged_values(own, value) if isinstance(own, dict) and isinstance(value, dict) else value
     return made
-
-
-def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        flat |= _flat(value, f"{before}{key}.") if isinstance(value, dict) else {f"{before}{key}": value}
-    return flat
 
 
 _ADAPTER: list[Any] = []

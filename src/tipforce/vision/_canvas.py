@@ -132,11 +132,8 @@ class Canvas:
         """OpenCV's scale of the letters."""
         return 0.55 * max(0.75, self.image.shape[1] / 640.0)
 
-    def _thick(self, size: float) -> int:
-        return max(1, round(2.0 * size))
-
     def _put(self, text: str, at: tuple[int, int], colour: Colour, size: float, outlined: bool = True) -> None:
-        thick = self._thick(size)
+        thick = max(1, round(2.0 * size))
         if outlined:
             cv2.putText(self.image, plain(text), at, FONT, size, BLACK, thick + 2, cv2.LINE_AA)
         cv2.putText(self.image, plain(text), at, FONT, size, colour, thick, cv2.LINE_AA)

@@ -135,14 +135,11 @@ def fitted_curve(
         x = np.linspace(local[0, 0], local[:, 0].max(), points)
         y = np.polyval(values if settings.constant else np.append(values, 0.0), x)
         return shape.base.to_image(np.column_stack([x, y]))
-    series = values if settings.constant else np.append(_mean_angle(local), values)
+    mean_angle = float(np.mean(turning_angles(np.ascontiguousarray(local), 1.0, 0.0)))
+    series = values if settings.constant else np.append(mean_angle, values)
     length = float(np.sum(np.hypot(*np.diff(local, axis=0).T)))
     curve = curve_from_angle(series, length, points)
     # The series has no position: shift it so that the two curves have the same centre.
     spread = np.linspace(0, points - 1, len(local))
     same = np.column_stack([np.interp(spread, np.arange(points), curve[:, k]) for k in range(2)])
     return shape.base.to_image(curve + (local - same).mean(axis=0))
-
-
-def _mean_angle(local: FloatArray) -> float:
-    return float(np.mean(turning_angles(np.ascontiguousarray(local), 1.0, 0.0)))

@@ -26,11 +26,10 @@ from ...types import (
     Image,
     Observation,
     SessionInfo,
-    ShapeFeatures,
     Status,
 )
 from ...vision import VisionSettings, auto_calibrate
-from .._reading import Abstention, read_actuation, read_advance_m, read_view
+from .._reading import Abstention, read_actuation, read_advance_m, read_image
 from .._recent_share import RecentShare
 from .._session_metadata import missing_metadata
 from .._values import stored_array, stored_number
@@ -208,11 +207,9 @@ class Compact(NetworkEstimator):
             return windows[shape]
 
         def read(observation: Observation, mask: Image | None = None) -> Arrays | Abstention:
-            view = read_view(observation, self.settings.view, "view")
+            view = read_image(observation, self.settings.view, "view")
             if isinstance(view, Abstention):
                 return view
-            if isinstance(view, ShapeFeatures):
-                return Abstention(Status.MISSING_INPUT, "this method needs images; these data are shape features")
             if missing:
                 return Abstention(Status.MISSING_INPUT, missing)
             knob = read_actuation(observation, (KNOB,)) if needs_knob else None

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from ...training import RESNET_OUTPUTS, ResnetTask
-from ...types import BoolArray, ForceEstimate, Image, Observation, SessionInfo, ShapeFeatures, Status
+from ...types import BoolArray, ForceEstimate, Image, Observation, SessionInfo
 from .._builder import EstimateBuilder
-from .._reading import Abstention, read_view
+from .._reading import Abstention, read_image
 from ..uncertainty import OodDetector, fit_ood_detector
 from ._calibration import CalibrationBatch, Outputs
 from ._image_input import RESNET_SIZE_PX, resize_to_resnet
@@ -92,9 +92,7 @@ class Dcfe(NetworkEstimator):
 
     def _read(self, observation: Observation, mask: Image | None = None) -> Arrays | Abstention:
         del mask
-        view = read_view(observation, self.settings.view, "view")
+        view = read_image(observation, self.settings.view, "view")
         if isinstance(view, Abstention):
             return view
-        if isinstance(view, ShapeFeatures):
-            return Abstention(Status.MISSING_INPUT, "this method needs images; these data are shape features")
         return {"image": resize_to_resnet(view)}

@@ -56,7 +56,8 @@ def model_card(estimator: Estimator, manifest: Mapping[str, Any]) -> str:
     ]
     if manifest["metrics"]:
         lines += ["", "Measured on samples held out of everything:", ""]
-        lines += [f"- {name}: {_figure(value)}" for name, value in manifest["metrics"].items()]
+        figures = manifest["metrics"].items()
+        lines += [f"- {name}: {f'{value:.4g}' if isinstance(value, float) else value}" for name, value in figures]
     versions = ", ".join(f"{name} {number}" for name, number in manifest["versions"].items())
     lines += [
         "",
@@ -101,10 +102,6 @@ def _axes(frame: str | list[str]) -> str:
     if frame == "base":
         return "x along the catheter's base, y to its left in the image"
     return f"{frame} (not this program's base frame)" if isinstance(frame, str) else ", ".join(frame)
-
-
-def _figure(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _samples_text(samples: int, facts: ModelFacts) -> str:

@@ -189,7 +189,7 @@ def figure_training(rows: list[dict[str, Any]], label: str) -> Figure:
         axes.plot(best["epoch"], 1e3 * best["validation_error_n"], "D", color=COLOURS["line"], markersize=6, label=kept)
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if _first_digit(value) in "25" else "")
+        axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
         if len(rows) > 300:
             axes.set_xscale("log")
             axes.xaxis.set_major_formatter("{x:g}")
@@ -198,7 +198,3 @@ def figure_training(rows: list[dict[str, Any]], label: str) -> Figure:
         legend_above(axes, 3)
 
     return make_figure(draw, f"{label}: error during training")
-
-
-def _first_digit(value: float) -> str:
-    return f"{value:e}"[0]

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from ...units import newtons_to_grams
@@ -28,11 +29,6 @@ def _mn(newtons: float | None) -> str:
     return _number(_times(newtons, 1e3), 0, 1, 10.0)
 
 
-def _mn_interval(ends: list[float | None]) -> str:
-    low, high = ends
-    return "–" if low is None or high is None else f"{_mn(low)} to {_mn(high)}"
-
-
 def _grams(grams: float | None) -> str:
     return _number(grams, 1, 2)
 
@@ -41,25 +37,17 @@ def _newtons_as_grams(newtons: float | None) -> str:
     return _grams(None if newtons is None else newtons_to_grams(newtons))
 
 
-def _g_interval(ends: list[float | None]) -> str:
+def _interval(ends: list[float | None], text: Callable[[float], str]) -> str:
     low, high = ends
-    return "–" if low is None or high is None else f"{_newtons_as_grams(low)} to {_newtons_as_grams(high)}"
+    return "–" if low is None or high is None else f"{text(low)} to {text(high)}"
 
 
 def _newtons(newtons: float | None) -> str:
     return _number(newtons, 3, 4, 0.01)
 
 
-def _percent(percent: float | None) -> str:
-    return _number(percent, 1)
-
-
 def _share(share: float | None) -> str:
     return _number(_times(share, 100.0), 1)
-
-
-def _pretty(value: Any) -> str:
-    return json.dumps(value, indent=2, ensure_ascii=False)
 
 
 def _facts(value: Any) -> str:
@@ -73,15 +61,15 @@ def _facts(value: Any) -> str:
 
 FILTERS: dict[str, Callable[..., str]] = {
     "mn": _mn,
-    "mn_interval": _mn_interval,
-    "g_interval": _g_interval,
+    "mn_interval": partial(_interval, text=_mn),
+    "g_interval": partial(_interval, text=_newtons_as_grams),
     "grams": _grams,
     "n_to_g": _newtons_as_grams,
     "newtons": _newtons,
-    "percent": _percent,
+    "percent": partial(_number, digits=1),
     "share": _share,
     "fixed": _number,
-    "pretty": _pretty,
+    "pretty": partial(json.dumps, indent=2, ensure_ascii=False),
     "facts": _facts,
 }
 """Filters of the template: kind of value -> its text. A missing value is a dash."""
