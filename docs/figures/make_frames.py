@@ -136,7 +136,7 @@ def draw_image(axes: Axes, free: np.ndarray, bent: np.ndarray, force: np.ndarray
 
     unit = turned(force[None])[0] / np.linalg.norm(force)
     arrow(axes, touch, touch + 17 * unit, RED, 3.4, 24)
-    label(axes, touch + 17 * unit + [9.5, -5.6], "force $F$: what the\ntissue does to the tip", RED, fontsize=11.5)
+    label(axes, touch + 17 * unit + [9.5, -5.6], "force $F$ of the\ntissue on the tip", RED, fontsize=11.5)
 
 
 def draw_components(axes: Axes, bent: np.ndarray, force: np.ndarray) -> None:
