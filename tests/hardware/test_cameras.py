@@ -367,7 +367,7 @@ def fake_harvesters(monkeypatch, stamped=True):
 @pytest.mark.parametrize("stamped", [True, False])
 def test_a_genicam_camera_is_set_up_read_back_and_read(monkeypatch, tmp_path, stamped):
     fake_harvesters(monkeypatch, stamped)
-    monkeypatch.setattr("tipforce.hardware._genicam._SILENT_S", 0.05)
+    monkeypatch.setattr("tipforce.hardware._genicam.MAX_SILENCE_S", 0.05)
     producer = tmp_path / "maker.cti"
     producer.touch()
     driver = GenICamCamera(GenICamCameraConfig(producer=producer, serial_number="blue", fps=100.0))

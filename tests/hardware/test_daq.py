@@ -157,7 +157,7 @@ def test_a_card_that_is_silent_or_gone_is_lost(tmp_path, monkeypatch):
     driver, card = sensor(tmp_path, [Card.ReadError("no samples"), Card.ReadError("no samples"), Card.Error("gone")])
     driver.connect(SystemClock(10**9))
     assert driver.read(0.1) == ()
-    monkeypatch.setattr("tipforce.hardware._daq._SILENT_S", 0.0)
+    monkeypatch.setattr("tipforce.hardware._daq.MAX_SILENCE_S", 0.0)
     with pytest.raises(DeviceError, match="has given no samples"):
         driver.read(0.1)
     with pytest.raises(DeviceError, match="is lost: gone"):

@@ -142,8 +142,8 @@ def test_a_stage_that_does_not_answer_is_lost(tmp_path, monkeypatch):
     with GrblEmulator(tmp_path / "stage") as grbl:
         stage = GrblStage(GrblConfig(port=str(grbl.path), axes=AXES))
         stage.connect(SystemClock())
-        monkeypatch.setattr("tipforce.hardware._grbl._SILENT_S", 0.1)
-        monkeypatch.setattr("tipforce.hardware._grbl._WAKE_S", 0.1)
+        monkeypatch.setattr("tipforce.hardware._grbl.MAX_SILENCE_S", 0.1)
+        monkeypatch.setattr("tipforce.hardware._grbl.MAX_WAKE_S", 0.1)
         grbl.mute = True
         with pytest.raises(DeviceError, match="has not answered"):
             read_for(stage, seconds=2.0)

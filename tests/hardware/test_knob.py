@@ -45,7 +45,7 @@ def test_an_angle_that_no_knob_has_is_refused(tmp_path):
 
 
 def test_an_encoder_that_falls_silent_or_is_pulled_out_is_found_again(tmp_path, monkeypatch):
-    monkeypatch.setattr("tipforce.hardware._knob._SILENT_S", 0.1)
+    monkeypatch.setattr("tipforce.hardware._knob.MAX_SILENCE_S", 0.1)
     with EncoderEmulator(tmp_path / "knob", lambda _: 10.0, rate_hz=200) as encoder:
         source = HardwareSource([SerialKnob(SerialKnobConfig(port=str(encoder.path), rate_hz=200.0))])
         with source:

@@ -138,8 +138,8 @@ def test_an_error_status_is_never_a_force_and_is_said():
 
 
 def test_silence_is_asked_about_then_the_box_counts_as_lost_and_is_found_again(monkeypatch):
-    monkeypatch.setattr("tipforce.hardware._net_ft._LOST_S", 0.3)
-    monkeypatch.setattr("tipforce.hardware._net_ft._ASK_AGAIN_S", 0.1)
+    monkeypatch.setattr("tipforce.hardware._net_ft.MAX_SILENCE_S", 0.3)
+    monkeypatch.setattr("tipforce.hardware._net_ft.REQUEST_AGAIN_S", 0.1)
     with NetFtEmulator(lambda t: (math.sin(t), 0, 0, 0, 0, 0), rate_hz=1000) as box:
         source = HardwareSource([driver_of(box)])
         with source:

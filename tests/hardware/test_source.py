@@ -100,7 +100,7 @@ def test_what_waited_before_the_recording_began_is_no_part_of_it_and_it_ends_in_
 
 
 def test_a_device_is_connected_again_with_growing_pauses(monkeypatch):
-    monkeypatch.setattr("tipforce.hardware._source._FIRST_WAIT_S", 0.01)
+    monkeypatch.setattr("tipforce.hardware._source.MIN_WAIT_S", 0.01)
     gone = [DeviceError("it is not there")] * 3
     driver = Scripted("force", "wrench", [[wrench(1)], DeviceError("it was pulled out"), [wrench(2)]], gone)
     with HardwareSource([driver]) as source:

@@ -8,7 +8,7 @@ import pytest
 
 from tipforce.types import Catheter, FloatArray, SessionInfo, Status, ViewInfo
 from tipforce.vision import DetectedShape, ResolvedVision, Tracer, VisionSettings, auto_calibrate, for_session
-from tipforce.vision._auto_calibrate import _TEMPLATES
+from tipforce.vision._auto_calibrate import TEMPLATE_ROUNDS
 from tipforce.vision._session_size import learn_tip_template
 from tipforce.vision._tip_consensus import axis_offset, shift_tip
 
@@ -111,7 +111,7 @@ def test_a_tip_template_that_no_image_fits_is_dropped(monkeypatch: pytest.Monkey
         assert learnt.tip_template is not None
         times.append(learnt)
         wrong = tuple(255 * (k % 2) for k in range(len(learnt.tip_template)))
-        return learnt.model_copy(update={"tip_template": wrong}) if len(times) == _TEMPLATES else learnt
+        return learnt.model_copy(update={"tip_template": wrong}) if len(times) == TEMPLATE_ROUNDS else learnt
 
     images = [_draw_image(0.05 * k - 0.2, 40.0) for k in range(8)]
     monkeypatch.setattr("tipforce.vision._auto_calibrate.learn_tip_template", learn)
