@@ -212,7 +212,7 @@ def cut(name: str, by: int = 40) -> Callable[[Path], None]:
         (edit(sha256=None), r"model\.json: sha256 is no list of named values"),
         (edit(training=None), r"model\.json: training is no list of named values"),
         (edit(format_version=99), r"format version 99, this program reads version 2; update tipforce"),
-        (edit(format_version=1), r"the older format version 1.*train the model anew"),
+        (edit(format_version=1), r"the older format version 1.*train the model again"),
         (edit(method="oracle"), r"made by the method 'oracle', this program has svr"),
         (edit(signed=True, settings={"kernel": "cubic"}), r"does not fit the method svr"),
         (edit(signed=True, state={}), r"does not fit the method svr"),

@@ -1,4 +1,4 @@
-"""Methods that estimate the force: one module or package for each, all with one contract, found by their names."""
+"""Methods that estimate the force: one module or package for each, with one interface, found by their names."""
 
 from ._base import Estimator, FineTunable, Progress, Stream, no_progress
 from ._facts import ModelFacts, ModelSummary

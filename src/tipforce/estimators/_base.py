@@ -1,4 +1,4 @@
-"""The face that all methods share."""
+"""The interface that all methods share."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,25 +19,25 @@ Progress = Callable[[str, float], None]
 """Called with a description of the current work and its finished share (0..1)."""
 
 
-def no_progress(what: str, share: float) -> None:
+def no_progress(task: str, share: float) -> None:
     """A `Progress` that ignores its calls."""
-    del what, share
+    del task, share
 
 
 class Stream(Protocol):
-    """One session being estimated, frame after frame; may remember."""
+    """Estimates the forces of one session, frame after frame; it may keep a state between frames."""
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """Returns the force at this observation; never raises because of the content of an image."""
+        """Returns the force at this observation; never raises an error because of the content of an image."""
         ...
 
 
 class Estimator(ABC):
-    """A method: settings in, ``fit`` on a dataset where it needs one, then one ``Stream`` a session.
+    """A method: it has settings, ``fit`` on a dataset where it needs one, and one ``Stream`` for each session.
 
-    Settings are immutable and stay as the user stated them; learnt state is in attributes that end in ``_``. A method
-    without anything to learn states ``needs_fit = False`` and implements `start` alone. ``state``, ``files`` and
-    ``from_state`` are all that the model store needs.
+    Settings are immutable and stay as the user stated them; the learnt state is in attributes that end in ``_``. A
+    method without a learnt state has ``needs_fit = False`` and implements `start` alone. The model store needs
+    ``state``, ``files`` and ``from_state`` only.
     """
 
     name: ClassVar[str]
@@ -47,22 +47,29 @@ class Estimator(ABC):
     """The model of this method's settings."""
 
     thesis_samples: ClassVar[int] = 220
-    """Number of samples that the thesis has for this method, and that its protocol draws."""
+    """Number of samples that the thesis uses for this method; its protocol draws as many."""
 
     thesis_settings: ClassVar[Mapping[str, Any] | None] = None
-    """Settings with which it is the thesis's own method to the letter; None: the thesis has no such method."""
+    """Settings that make it exactly the method of the thesis; None: the thesis has no such method."""
 
     needs_fit: ClassVar[bool] = True
-    """False for a method that estimates forces from its settings and the session's metadata alone."""
+    """False for a method that estimates forces from its settings and the session metadata alone."""
 
     breaks: ClassVar[str] = ""
-    """One sentence on where the method breaks, for tables that compare methods; empty where nobody wrote it."""
+    """One sentence on the limits of the method, for tables that compare methods; empty where none is stated."""
 
     def __init__(self, settings: Any = None) -> None:
         self.settings: Any = settings or self.settings_type()
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Learns from ``dataset``; a method that needs no fit has nothing to learn.
+        """Learns from a dataset; a method with ``needs_fit = False`` does nothing.
+
+        Args:
+            dataset: the training data.
+            progress: called with the current work and its finished share.
+
+        Returns:
+            The method itself.
 
         Raises:
             InputError: the dataset is too small or lacks an input of the method.
@@ -71,32 +78,42 @@ class Estimator(ABC):
         return self
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Finds the intervals anew on ``dataset``, of whose sessions ``fit`` saw none.
+        """Finds new intervals on sessions that ``fit`` did not use.
 
-        The forces stay as they are, unless the method says otherwise.
+        The forces stay as they are, unless the method states otherwise.
+
+        Args:
+            dataset: the calibration sessions.
+            progress: called with the current work and its finished share.
+
+        Returns:
+            The method itself.
+
+        Raises:
+            InputError: the method has no intervals to calibrate.
         """
         del progress
         raise InputError(f"{dataset.title}: {self.name} has no intervals to calibrate; leave the calibration out")
 
     @abstractmethod
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
-        """A fresh stream for one session.
+        """Returns a new stream for one session.
 
         Args:
             info: the session's metadata.
-            images: some images of the session that are at hand beforehand, as of a file: a method that
-                ``calibrates_on_images`` resolves its detection on them. Without them it does so as the frames come.
+            images: some images of the session, where they are available beforehand, as from a file. A method that
+                ``calibrates_on_images`` resolves its detection on them; without them it does so while the frames come.
 
         Raises:
             NotFittedError: before ``fit``, for a method that needs it.
         """
 
     def unfitted(self) -> Self:
-        """Returns the same method with the same settings, not fitted: each split trains one."""
+        """Returns the same method with the same settings, not fitted; each split trains such a copy."""
         return type(self)(self.settings)
 
     def with_settings(self, settings: BaseModel) -> Self:
-        """`unfitted` with other settings."""
+        """Returns an unfitted method with other settings."""
         made = self.unfitted()
         made.settings = settings
         return made
@@ -117,12 +134,19 @@ class Estimator(ABC):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,
     ) -> Self:
-        """The inverse of `state` and `files`."""
+        """Makes a fitted method from its saved state; the inverse of `state` and `files`.
+
+        Args:
+            settings: the settings as JSON values.
+            values: the JSON values of `state`.
+            arrays: the arrays of `state`.
+            files: the files of `files`.
+        """
         del values, arrays, files
         return cls(cls.settings_type.model_validate(settings))
 
     def estimates(self, dataset: Dataset) -> Iterator[ForceEstimate]:
-        """One stream a session over all samples, in the dataset's order, as they are asked for."""
+        """Yields the estimates of all samples in the order of the dataset, with one stream for each session."""
         stream, session = None, None
         for name, observation in zip(dataset.session.tolist(), dataset.observations(), strict=True):
             if stream is None or name != session:
@@ -134,10 +158,14 @@ class Estimator(ABC):
             yield stream.update(observation).checked()
 
     def predict(self, dataset: Dataset, progress: Callable[[float], None] | None = None) -> list[ForceEstimate]:
-        """Estimates for the samples of ``dataset``, one stream a session.
+        """Returns the estimates of all samples, with one stream for each session.
 
-        A method that ``uses_history`` is shown all frames of these sessions, as far as the dataset they are a part of
-        holds them, and the estimates of the samples themselves are returned.
+        A method that ``uses_history`` gets all frames of these sessions that the whole dataset has, but only the
+        estimates of the samples themselves are returned.
+
+        Args:
+            dataset: the samples.
+            progress: called with the finished share.
         """
         run = dataset
         if self.uses_history and dataset.whole is not None:
@@ -151,22 +179,22 @@ class Estimator(ABC):
 
     @property
     def views(self) -> tuple[str, ...]:
-        """Names of the views that it looks at; the first one sets the pace."""
+        """Names of the views that the method reads; the first one sets the frame rate."""
         return ("camera",)
 
     @property
     def calibrates_on_images(self) -> bool:
-        """True where detection is resolved session by session on the session's own images."""
+        """True where detection is resolved for each session on its own images."""
         return False
 
     @property
     def uses_history(self) -> bool:
-        """True where an estimate depends on earlier frames of the session, too."""
+        """True where an estimate also depends on earlier frames of the session."""
         return False
 
     @property
     def required_actuation(self) -> tuple[str, ...]:
-        """Names of the actuation without which there is no estimate."""
+        """Names of the actuation values without which there is no estimate."""
         return ()
 
     @property
@@ -176,15 +204,15 @@ class Estimator(ABC):
 
     @property
     def training_sessions(self) -> frozenset[str]:
-        """Fingerprints of sessions that are not new to this method, fitted or not: those of its initial model, too."""
+        """Fingerprints of the training sessions of this method, and of those of its initial model."""
         return frozenset()
 
     def describe(self) -> ModelFacts:
-        """Returns facts of the fitted model, which its card and reports show."""
+        """Returns facts of the fitted model for its card and reports."""
         return ModelFacts()
 
     def to_onnx(self) -> tuple[bytes, dict[str, Any]]:
-        """Returns the fitted method as an ONNX graph, and facts about it; raises InputError where there is none."""
+        """Returns the fitted method as an ONNX graph, and facts about it. Raises InputError where it has no export."""
         raise InputError(f"the method {self.name} has no ONNX export")
 
 
@@ -198,24 +226,38 @@ class CentrelineEstimator(Estimator):
 
     @property
     def calibrates_on_images(self) -> bool:
-        """Length, look of the tip and threshold are each session's own."""
+        """True where the tip template, the length and the threshold are resolved for each session."""
         return detector_kind(self.settings.vision.method).by_session
 
 
 class FineTunable(Estimator):
-    """A method that is trained in epochs: it may be fine-tuned from another model and be resumed from checkpoints."""
+    """A method that is trained in epochs: it can be fine-tuned from another model and resumed from checkpoints."""
 
     @abstractmethod
     def fine_tuned_from(self, model: "FineTunable") -> Self:
-        """The same settings, whose fits begin with the weights of ``model``. Raises InputError for another method's."""
+        """Returns a copy with the same settings whose fits start from the weights of ``model``.
+
+        Raises:
+            InputError: ``model`` is of another method.
+        """
 
     @abstractmethod
     def fit_resumable(
         self, dataset: Dataset, progress: Progress | None = None, *, folder: Path | None = None, resume: bool = False
     ) -> Self:
-        """`fit` with its run directory ``folder``; ``resume``: go on from the checkpoint in it."""
+        """Fits with a run directory.
+
+        Args:
+            dataset: the training data.
+            progress: called with the current work and its finished share.
+            folder: the run directory.
+            resume: continue from the checkpoint in it.
+
+        Returns:
+            The method itself.
+        """
 
     @property
     @abstractmethod
     def run_files(self) -> frozenset[str]:
-        """Names of the files that a training leaves in its run directory."""
+        """Names of the files that a training writes to its run directory."""

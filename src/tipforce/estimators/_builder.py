@@ -1,4 +1,4 @@
-"""Estimates of a method whose intervals follow from the estimate alone, without checks whose outcome is known."""
+"""Builds valid estimates fast: the checks of `ForceEstimate` are left out where their outcome is known."""
 
 import math
 
@@ -11,21 +11,32 @@ AXES = ("fx", "fy", "fz")
 """Names of the force components."""
 
 MAX_FORCE_N = 10.0
-"""No estimate beyond this is valid: tissue tears, and shafts buckle, at a fraction of it."""
+"""Larger estimates are not valid: tissue tears, and shafts buckle, at a fraction of this force."""
 
 _set = object.__setattr__
 _NO_INTERVAL = (math.nan, math.nan)
 
 
 def implausible(stamp_ns: int, magnitude_n: float, shape: DetectedShape | None = None) -> ForceEstimate:
-    """The invalid estimate in place of one that is not finite, or larger than `MAX_FORCE_N`."""
+    """Returns an invalid estimate in place of a force that is not finite, or larger than `MAX_FORCE_N`.
+
+    Args:
+        stamp_ns: stamp of the frame.
+        magnitude_n: the magnitude.
+        shape: the detected shape.
+    """
     found = f"{magnitude_n:.3g} N, more than {MAX_FORCE_N:g} N" if math.isfinite(magnitude_n) else "no finite number"
     detail = f"the model answers with {found}: the image or the actuation is unlike the training data, or the model is"
     return ForceEstimate.invalid(stamp_ns, Status.OUT_OF_DISTRIBUTION, f"{detail} damaged", shape)
 
 
 def within_error(estimate: ForceEstimate, max_error_n: float | None) -> ForceEstimate:
-    """``estimate``, or an abstention where its magnitude's 90 % interval reaches further than ``max_error_n``."""
+    """Returns ``estimate``, or an abstention where the 90 % interval of its magnitude is too wide.
+
+    Args:
+        estimate: the estimate.
+        max_error_n: largest distance in N of the interval's ends from the estimate; None: no limit.
+    """
     if max_error_n is None or not estimate.valid:
         return estimate
     low, high = (float(end) for end in estimate.magnitude_interval_n)
@@ -35,15 +46,15 @@ def within_error(estimate: ForceEstimate, max_error_n: float | None) -> ForceEst
     return ForceEstimate.invalid(
         estimate.stamp_ns,
         Status.UNOBSERVABLE,
-        f"the force lies between {low:.2f} and {high:.2f} N with 90 %, further from its estimate than max_error_n = "
-        f"{max_error_n:g}",
+        f"the 90 % interval of the force is {low:.2f} to {high:.2f} N; its ends may be at most max_error_n = "
+        f"{max_error_n:g} N from the estimate",
         estimate.shape,
         (low, high),
     )
 
 
 class EstimateBuilder:
-    """Makes estimates from forces. What is the same in all of them is made once and shared, read-only."""
+    """Builds estimates from forces. The parts that all estimates share are made once and are read-only."""
 
     def __init__(self, known: BoolArray, interval: Interval) -> None:
         self._axes = np.flatnonzero(known).tolist()
@@ -55,9 +66,12 @@ class EstimateBuilder:
             array.setflags(write=False)
 
     def valid(self, stamp_ns: int, newtons: FloatArray, shape: DetectedShape | None = None) -> ForceEstimate:
-        """``newtons`` (t,): the known components in order, or the magnitude alone where none is known.
+        """Returns the estimate of a force; it is not valid if the force is not finite, or larger than `MAX_FORCE_N`.
 
-        Not valid where the force is not finite, or larger than `MAX_FORCE_N`.
+        Args:
+            stamp_ns: stamp of the frame.
+            newtons: (t,) the known components in order, or the magnitude alone where none is known.
+            shape: the detected shape.
         """
         if self._axes:
             force, interval, square = self._unknown.copy(), self._no_interval.copy(), 0.0
@@ -71,7 +85,7 @@ class EstimateBuilder:
             force.setflags(write=False)
             interval.setflags(write=False)
         else:
-            # a magnitude cannot be negative; the regression does not know that
+            # a magnitude cannot be negative, but the regression's may be
             only = float(newtons[0])
             magnitude, force, interval = (only if only != only else max(0.0, only)), self._unknown, self._no_interval
         if not magnitude <= MAX_FORCE_N:

@@ -1,4 +1,4 @@
-"""Facts of a fitted model, and the same in words for its card and for whoever trained it."""
+"""Facts of a fitted model, and the same in words for its card and for the person who trained it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class ModelSummary:
         inputs: its inputs, in a sentence or two.
         short_inputs: the same in a few words.
         performance: lines of Markdown for the model card.
-        training: lines for whoever has just trained it.
+        training: lines for the person who has just trained it.
     """
 
     inputs: str = ""
@@ -68,7 +68,7 @@ def half_width_text(value: float | None) -> str:
 
 
 def magnitude_intervals(examples: Mapping[str, Sequence[float]]) -> list[str]:
-    """Returns a line on the magnitude's interval at small and large estimates; none without ``examples``.
+    """Returns a line on the interval of the magnitude at small and large estimates; no line without ``examples``.
 
     >>> magnitude_intervals({"0.05": (0.0, 0.08), "0.15": (0.1, 0.25)})
     ['90 % interval of the magnitude by the estimate: 50 mN: 0 to 80, 150 mN: 100 to 250 mN']

@@ -14,9 +14,13 @@ from ._base import Estimator, FineTunable, Progress
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A fitted ``estimator``, the samples it learnt from, and ``metrics`` on those held out (empty without any).
+    """Result of a training run.
 
-    ``calibration``: the sessions apart that its intervals were found on, if there were any.
+    Attributes:
+        estimator: the fitted method.
+        dataset: the samples that it learnt from.
+        metrics: its errors on the held-out samples; empty without any.
+        calibration: the separate sessions of its intervals, if there were any.
     """
 
     estimator: Estimator
@@ -38,13 +42,23 @@ def train(
     calibrate: Dataset | None = None,
     progress: Progress | None = None,
 ) -> Training:
-    """Fit ``method`` on ``dataset``, or on ``samples`` drawn from it, less a random share ``holdout`` to measure on.
+    """Fits a method and measures it on held-out samples.
 
-    ``seed`` is that of drawing, holding out and, where its settings do not state their own, of the method. ``start``,
-    ``folder`` and ``resume`` are for networks: see `FineTunable.fit_resumable`. ``calibrate``: other sessions, on
-    which the intervals are found. Raises InputError as `draw`, `random_split`, `Estimator.fit` and
-    `Estimator.calibrate` do, where ``start`` is another method's, and where ``calibrate`` has sessions of ``dataset``,
-    or other forces.
+    Args:
+        method: the method and its settings.
+        dataset: the data to train on.
+        samples: number of samples to draw from ``dataset``; None: all.
+        holdout: share of the samples that is held out at random, to measure on.
+        seed: seed of drawing and holding out, and of the method where its settings do not state their own.
+        start: initial model of a network, see `FineTunable.fine_tuned_from`.
+        folder: run directory of a network, see `FineTunable.fit_resumable`.
+        resume: continue from the checkpoint in ``folder``.
+        calibrate: separate sessions on which the intervals are found.
+        progress: called with the current work and its finished share.
+
+    Raises:
+        InputError: as `random_subset`, `random_split`, `Estimator.fit` and `Estimator.calibrate` raise it; ``start`` is
+            of another method, or ``calibrate`` has sessions of ``dataset`` or other forces.
     """
     if start is not None and not isinstance(method, FineTunable):
         raise InputError(f"{method.name} is no network and always learns from nothing; leave out the initial model")
@@ -73,7 +87,7 @@ def train(
 
 
 def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
-    """Ask before training for minutes."""
+    """Checks the calibration sessions before a training of minutes."""
     known = {fingerprint: name for name, fingerprint in dataset.session_fingerprints.items()}
     if shared := [known[each] for each in calibrate.session_fingerprints.values() if each in known]:
         raise InputError(
@@ -97,14 +111,14 @@ def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
 
 
 def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:
-    """Errors in newtons over the answered samples of ``test``."""
-    answers = fitted.predict(test)
-    valid = np.array([answer.valid for answer in answers], np.bool_)
+    """Returns the errors in newtons over those samples of ``test`` that have an estimate."""
+    estimates = fitted.predict(test)
+    valid = np.array([each.valid for each in estimates], np.bool_)
     metrics: dict[str, Any] = {"held_out_samples": len(test), "answered": int(valid.sum())}
     if not valid.any():
         return metrics
-    force = np.array([answer.force_n for answer in answers])[valid]
-    size = np.array([answer.magnitude_n for answer in answers])[valid]
+    force = np.array([each.force_n for each in estimates])[valid]
+    size = np.array([each.magnitude_n for each in estimates])[valid]
     metrics |= _errors("magnitude", size - test.magnitude_n[valid])
     for axis, name in enumerate(("fx", "fy", "fz")):
         if test.known[axis] and np.isfinite(force[:, axis]).all():
@@ -112,9 +126,9 @@ def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:
     return metrics
 
 
-def _errors(name: str, wrong_n: FloatArray) -> dict[str, float]:
+def _errors(name: str, error_n: FloatArray) -> dict[str, float]:
     return {
-        f"{name}_mae_n": float(np.mean(np.abs(wrong_n))),
-        f"{name}_rmse_n": float(np.sqrt(np.mean(wrong_n**2))),
-        f"{name}_max_n": float(np.max(np.abs(wrong_n))),
+        f"{name}_mae_n": float(np.mean(np.abs(error_n))),
+        f"{name}_rmse_n": float(np.sqrt(np.mean(error_n**2))),
+        f"{name}_max_n": float(np.max(np.abs(error_n))),
     }

@@ -1,4 +1,4 @@
-"""Samples that a training could not learn from: counts by session, in words, and when there are too many."""
+"""Samples that a training could not use: counts by session, in words, and the check against a limit."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,21 +10,25 @@ from ..types import BoolArray
 
 
 def left_out_by_session(session: npt.NDArray[np.str_], kept: BoolArray) -> dict[str, list[int]]:
-    """Counts samples that could not be learnt from.
+    """Counts the samples that could not be used.
 
     Args:
         session: (n,) name of each sample's session.
-        kept: (n,) True where it was learnt from.
+        kept: (n,) True where the sample was used.
 
     Returns:
-        Session -> samples left out, and all of its samples; sessions of which none was left out are not in it.
+        Session -> number of samples left out, and of all its samples; sessions without a left-out sample are not in it.
     """
     found = {name: session == name for name in dict.fromkeys(session.tolist())}
     return {name: [int(np.sum(~kept[own])), int(own.sum())] for name, own in found.items() if not kept[own].all()}
 
 
 def left_out_text(left_out: Mapping[str, Sequence[int]], shown: int = 8) -> str:
-    """Returns the counts of `left_out_by_session` in words, sessions that are wholly missing first.
+    """Returns the counts of `left_out_by_session` in words; sessions that are wholly missing come first.
+
+    Args:
+        left_out: the counts.
+        shown: largest number of sessions that are named.
 
     >>> left_out_text({"a": [3, 10], "b": [5, 5]})
     '8 left out: all 5 of b, 3 of 10 of a'
@@ -36,16 +40,16 @@ def left_out_text(left_out: Mapping[str, Sequence[int]], shown: int = 8) -> str:
 
 
 def refuse_left_out(title: str, left_out: Mapping[str, Sequence[int]], samples: int, max_left_out: float) -> None:
-    """Stops a training that would learn from another bench than the one it was given.
+    """Stops a training that would use too small a part of the data it was given.
 
     Args:
-        title: of the dataset.
+        title: title of the dataset.
         left_out: see `left_out_by_session`.
-        samples: of the dataset.
-        max_left_out: share of them that may be left out, and no whole session; 1: any.
+        samples: number of samples of the dataset.
+        max_left_out: share of them that may be left out; unless it is 1, no whole session may be.
 
     Raises:
-        InputError: more would be.
+        InputError: more samples would be left out.
     """
     lost = sum(count for count, _ in left_out.values())
     whole = any(count == of for count, of in left_out.values())

@@ -24,14 +24,20 @@ from ..types import (
 
 @dataclass(frozen=True, slots=True)
 class Abstention:
-    """Why an observation yields no numbers."""
+    """The reason why an observation has no estimate."""
 
     status: Status
     detail: str
 
 
 def read_view(observation: Observation, view: str, setting: str) -> View | Abstention:
-    """The image of ``view``, which ``setting`` names."""
+    """Returns the content of one view of an observation.
+
+    Args:
+        observation: the input.
+        view: name of the view.
+        setting: name of the setting that names it, for the reason.
+    """
     found = observation.views.get(view)
     if found is None:
         there = ", ".join(observation.views) or "none"
@@ -48,7 +54,7 @@ def read_image(observation: Observation, view: str, setting: str) -> Image | Abs
 
 
 def read_actuation(observation: Observation, names: Sequence[str]) -> FloatArray | Abstention:
-    """(len(names),): the actuation values that a model was trained with."""
+    """Returns the actuation values (len(names),) that a model was trained with."""
     row = np.empty(len(names))
     for place, name in enumerate(names):
         value = observation.actuation.get(name)
@@ -59,10 +65,10 @@ def read_actuation(observation: Observation, names: Sequence[str]) -> FloatArray
 
 
 def read_advance_m(observation: Observation) -> float | Abstention:
-    """How far the clamp has been advanced along the base x axis from where the metadata have it; 0: nobody says so.
+    """Returns the distance in m by which the clamp has been advanced along the base x axis from its stated position.
 
-    Who follows it (`vision.image_from_clamp`) looks at the catheter as a camera on the clamp would: nothing else of the
-    geometry changes.
+    It is 0 where the observation has no such value. Methods shift the image by it (`vision.image_from_clamp`), as if
+    the camera moved with the clamp; the rest of the geometry does not change.
     """
     advance_m = 1e-3 * observation.actuation.get(ADVANCE, 0.0)
     if math.isfinite(advance_m):
@@ -71,7 +77,15 @@ def read_advance_m(observation: Observation) -> float | Abstention:
 
 
 def actuation_names(wanted: Sequence[str] | None, dataset: Dataset) -> tuple[str, ...]:
-    """The actuation to train with: ``wanted``, or all of ``dataset`` for None. Raises InputError for one it lacks."""
+    """Returns the names of the actuation to train with.
+
+    Args:
+        wanted: the names; None: all of ``dataset``.
+        dataset: the training data.
+
+    Raises:
+        InputError: ``dataset`` lacks one of them.
+    """
     names = tuple(dataset.actuation) if wanted is None else tuple(wanted)
     for name in names:
         if name not in dataset.actuation:
@@ -80,18 +94,23 @@ def actuation_names(wanted: Sequence[str] | None, dataset: Dataset) -> tuple[str
     return names
 
 
-_MARGIN = 0.1
+LIMIT_MARGIN = 0.1
 
 MAX_PRECURVATURE_PER_M = 60.0
-"""No knob bends a catheter more: the full bend of a 7F ablation catheter, 90 degrees of its knob, is 48 1/m."""
+"""Largest curvature that a knob produces: the full bend of a 7F ablation catheter, 90 degrees of its knob, is 48
+1/m."""
 
 
 def limits_of(names: Iterable[str], dataset: Dataset) -> dict[str, tuple[float, float]]:
-    """Smallest and largest value of each actuation that a model trained on ``dataset`` answers to.
+    """Returns the smallest and largest value of each actuation for which a trained model estimates.
 
-    They are those of the data and a margin: a tenth of the largest of these: the range, the largest
-    absolute value, one unit; so that a drive that stood still in training may be read with some error. Actuation
-    that the data lack has no limits.
+    They are those of the data with a margin, which is a tenth of the largest of three values: the range, the largest
+    absolute value, one unit. So a drive that did not move in training may be read with some error. Actuation that the
+    data lack has no limits.
+
+    Args:
+        names: names of the actuation.
+        dataset: the training data.
     """
     limits: dict[str, tuple[float, float]] = {}
     for name in names:
@@ -99,7 +118,7 @@ def limits_of(names: Iterable[str], dataset: Dataset) -> dict[str, tuple[float, 
         values = values[np.isfinite(values)]
         if len(values):
             low, high = float(values.min()), float(values.max())
-            margin = _MARGIN * max(high - low, abs(low), abs(high), 1.0)
+            margin = LIMIT_MARGIN * max(high - low, abs(low), abs(high), 1.0)
             limits[name] = low - margin, high + margin
     return limits
 
@@ -107,13 +126,13 @@ def limits_of(names: Iterable[str], dataset: Dataset) -> dict[str, tuple[float, 
 def unlike_training(
     observation: Observation, limits: Mapping[str, tuple[float, float]], names: Iterable[str], info: SessionInfo
 ) -> Abstention | None:
-    """Why there is no estimate for the actuation of ``observation``, or None.
+    """Returns the reason why there is no estimate for the actuation of ``observation``, or None.
 
     Args:
         observation: the input of the estimate.
-        limits: of each actuation value, see `limits_of`.
-        names: actuation that the method reads; without limits, as in models that were saved before these were
-            known, it has to be plausible at least: see `implausible_actuation`.
+        limits: limits of the actuation values, see `limits_of`.
+        names: actuation that the method reads; a value without limits, as in models that were saved before limits
+            existed, must at least be plausible: see `implausible_actuation`.
         info: the session's metadata.
     """
     for name, (low, high) in limits.items():
@@ -128,10 +147,10 @@ def unlike_training(
 
 
 def implausible_actuation(actuation: Mapping[str, float], info: SessionInfo) -> Abstention | None:
-    """Why no catheter is actuated so, independent of the training data; None where it may be.
+    """Returns the reason why no catheter is actuated like this, independent of the training data; None if it may be.
 
     Args:
-        actuation: values by name; NaN is none.
+        actuation: values by name; NaN: the value is missing.
         info: the session's metadata, with the gain of the knob if that is known.
     """
     for name, value in actuation.items():
@@ -141,7 +160,7 @@ def implausible_actuation(actuation: Mapping[str, float], info: SessionInfo) -> 
         if name == KNOB and gain is not None and abs(gain * value) > MAX_PRECURVATURE_PER_M:
             return Abstention(
                 Status.OUT_OF_DISTRIBUTION,
-                f"the knob at {value:g} degrees asks for a curvature of {gain * value:.3g} 1/m, more than "
+                f"at {value:g} degrees the knob would produce a curvature of {gain * value:.3g} 1/m, more than "
                 f"{MAX_PRECURVATURE_PER_M:g} 1/m",
             )
     return None

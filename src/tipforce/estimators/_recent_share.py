@@ -1,10 +1,10 @@
-"""How often something has been so in the session so far, the last moments weighing most."""
+"""Share of the recent frames of a session that had a property."""
 
 import math
 
 
 class RecentShare:
-    """Share of the frames so far that something was true of, each remembered for ``memory_s``; 1 before the first.
+    """Exponentially weighted share of the frames that had a property, with time constant ``memory_s``; begins at 1.
 
     >>> share = RecentShare(2.0)
     >>> share.add(False, 2.0)
@@ -16,7 +16,12 @@ class RecentShare:
         self._memory_s = memory_s
         self.value = 1.0
 
-    def add(self, so: bool, elapsed_s: float) -> None:
-        """The next frame, ``elapsed_s`` after the one before."""
-        forgets = math.exp(-elapsed_s / self._memory_s)
-        self.value = forgets * self.value + (1.0 - forgets) * so
+    def add(self, present: bool, elapsed_s: float) -> None:
+        """Adds a frame.
+
+        Args:
+            present: whether the frame has the property.
+            elapsed_s: time since the previous frame.
+        """
+        retained = math.exp(-elapsed_s / self._memory_s)
+        self.value = retained * self.value + (1.0 - retained) * present

@@ -1,4 +1,4 @@
-"""Detection of the catheter in one session for methods that use its centreline: resolved before it or as it comes."""
+"""Detection of the catheter in one session, for methods that use its centreline."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,9 +14,15 @@ _NOMINAL_SIDE = "left"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectedLine:
-    """A found ``shape`` and its ``centreline``; ``size_px``: width and height of the image.
+    """A detected centreline.
 
-    ``base_side``: the border that the shaft comes from. ``advance_m``: of the clamp, see `read_advance_m`.
+    Attributes:
+        shape: the detected shape.
+        centreline: its centreline in px.
+        size_px: width and height of the image.
+        base_side: border that the shaft comes from.
+        scale_m_per_px: scale of the image.
+        advance_m: advance of the clamp, see `read_advance_m`.
     """
 
     shape: DetectedShape
@@ -28,9 +34,13 @@ class DetectedLine:
 
 
 class SessionDetection:
-    """Detects the catheter in the frames of one session.
+    """Detects the catheter in the frames of one session, shifted as if the camera moved with the clamp.
 
-    Each is looked at as a camera on the clamp would see it. ``images``, ``shared``: see `SessionDetector`.
+    Args:
+        settings: settings of the detection.
+        info: the session metadata.
+        images: see `SessionDetector`.
+        shared: see `SessionDetector`.
     """
 
     def __init__(
@@ -43,7 +53,7 @@ class SessionDetection:
         self._settings, self._info = settings, info
         self._detector = SessionDetector(settings, info, images, shared)
         self.shape: DetectedShape | None = None
-        """Of the last image that was read."""
+        """Shape in the last image that was read."""
 
     @property
     def key(self) -> str:
@@ -51,7 +61,7 @@ class SessionDetection:
         return self._detector.key
 
     def read(self, observation: Observation) -> DetectedLine | Abstention:
-        """The catheter in the image of ``observation``, or why there is none."""
+        """Returns the catheter in the image of ``observation``, or the reason why there is none."""
         self.shape = None
         name = self._settings.view
         view = read_view(observation, name, "vision.view")

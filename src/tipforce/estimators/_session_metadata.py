@@ -6,7 +6,11 @@ from ..types import ForceEstimate, Observation, SessionInfo, Status
 
 
 def missing_metadata(needed: Iterable[str], info: SessionInfo) -> str:
-    """Which of the ``needed`` keys ``info`` does not state, and how they are stated; empty where it states all.
+    """Returns a sentence on the needed keys that ``info`` does not state, and the remedy; empty where it states all.
+
+    Args:
+        needed: the keys.
+        info: the session metadata.
 
     >>> missing_metadata(("views.camera.metres_per_px",), SessionInfo())
     'views.camera.metres_per_px is not stated, and the model needs it; add it to bench.toml'
@@ -22,11 +26,11 @@ def missing_metadata(needed: Iterable[str], info: SessionInfo) -> str:
 
 
 class UninformedStream:
-    """The stream of a session that does not state what the method needs: no estimate, and ``detail`` says why."""
+    """The stream of a session whose metadata lack a required fact: it abstains, ``detail`` is the reason."""
 
     def __init__(self, detail: str) -> None:
         self._detail = detail
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """No estimate."""
+        """Returns an abstention."""
         return ForceEstimate.invalid(observation.stamp_ns, Status.MISSING_INPUT, self._detail)

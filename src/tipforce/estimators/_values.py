@@ -1,4 +1,4 @@
-"""Numbers of a stored model, which somebody may have changed: finite, of the right shape, within plausible limits."""
+"""Checks of the numbers in a stored model, which may have been changed: finite, right shape, plausible limits."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +9,7 @@ import numpy.typing as npt
 from ..types import FloatArray
 
 LARGEST = 1e12
-"""No fitted number is larger, in whatever unit."""
+"""Largest fitted number in any unit."""
 
 
 def stored_array(
@@ -20,18 +20,18 @@ def stored_array(
     low: float = -LARGEST,
     high: float = LARGEST,
 ) -> FloatArray:
-    """An array of a stored model.
+    """Returns an array of a stored model after checks.
 
     Args:
-        arrays: all of them by name.
-        name: which one.
-        shape: what it must have; None: any length.
+        arrays: all arrays by name.
+        name: name of the array.
+        shape: its expected shape; None: any length.
         low: smallest value.
         high: largest value.
 
     Raises:
         KeyError: there is no such array.
-        ValueError: it has another shape, holds no numbers, or one that is not finite or beyond the limits.
+        ValueError: it has another shape, contains no numbers, or a number that is not finite or beyond the limits.
     """
     found = arrays[name]
     if len(found.shape) != len(shape) or any(
@@ -49,7 +49,7 @@ def stored_array(
 def stored_number(
     arrays: Mapping[str, npt.NDArray[Any]], name: str, *, low: float = -LARGEST, high: float = LARGEST
 ) -> float:
-    """A single number of a stored model. Raises KeyError and ValueError as `stored_array` does."""
+    """Returns a single number of a stored model. Parameters and errors are those of `stored_array`."""
     return float(stored_array(arrays, name, (), low=low, high=high))
 
 

@@ -1,15 +1,15 @@
 """Method `fusion`: `rod-track` and a `compact` network joined by their covariances, frame by frame.
 
 The rod reads the shape alone and needs no tissue; the network reads the tissue's indentation, too, and knows the tissue
-as classes only. What limits them is not the same (the rod: a push along its axis, and what was stated wrongly of
-catheter and camera; the network: the tissue, and images unlike its training), so they are joined as independent
-Gaussians, their informations added, the rod's believed no further than `FusionSettings.rod_std_n`; also where the
-network's own answer would be too uncertain to stand alone. Where they differ by more than they promise, now or a
-moment ago, one of them is wrong and nobody knows which: the joint covariance grows by their squared Birge ratio. Where
-they contradict each other by far there is no estimate, nor where the interval is too wide. Where one abstains the other
-carries on, with the intervals of its own; the network not in images in which no catheter is found, nor where the rod
-has hardly vouched for it of late: what it makes of these is worth nothing. Where sessions apart have shown that large
-forces are read too small, what the network has a part in is stretched (`Fusion.calibrate`).
+as classes only. Their limits differ (the rod: a push along its axis, and wrong metadata of catheter and camera;
+the network: the tissue, and images unlike its training). So they are joined as independent Gaussians: their
+information is added, where that of the rod is limited by `FusionSettings.rod_std_n`. The network is also used where its
+own estimate is too uncertain to be valid alone. Where the two differ by more than their covariances, now or recently,
+one of them is wrong, and it is not known which: the joint covariance grows by their squared Birge ratio. There is no
+estimate where they differ too much or the interval is too wide. Where one abstains, the other one is used with its own
+intervals. The network is not used in images without a detected catheter, nor where the rod explained too few of the
+recent frames: its estimates are then unreliable. Where separate sessions have shown that large forces are read too
+small, estimates of the network and joint ones are stretched (`Fusion.calibrate`).
 """
 
 import math
@@ -41,11 +41,11 @@ _Std = Annotated[float, Field(ge=0, le=10)]
 _KNOWN = np.array([True, True, False])
 _ALONE = gaussian_interval(_KNOWN, "the covariances alone")
 _DOUBTED = 0.5
-"""Share of ``max_error_n`` for an interval that rests on covariances alone, which promise too much in other worlds, and
-for a network alone where the tip cannot be told from what lies behind it (docs/results/trust.md)."""
-_VOUCHED = 0.3
-"""Share of the frames; see `FusionSettings.vouched_s`."""
-_LEAST_FRAMES = 200
+"""Share of ``max_error_n`` for an interval that rests on covariances alone, which are too small on other data, and
+for a network alone where the tip cannot be distinguished from the background (docs/results/trust.md)."""
+MIN_AGREEMENT_SHARE = 0.3
+"""Smallest share of the recent frames in which the rod agreed with the network."""
+MIN_FRAMES = 200
 """With fewer frames of one source its intervals are those of all sources together."""
 
 
@@ -79,10 +79,10 @@ class FusionFacts(ModelFacts, frozen=True):
     stretch: StretchFacts = StretchFacts()
 
     def summary(self) -> ModelSummary:
-        """Returns where the members are from, and what the intervals rest on."""
+        """Returns the origin of the members, and the basis of the intervals."""
         line = f"Priors of the rod: {self.rod.origin}; network: compact; 90 % intervals rest on {self.interval_basis}"
         if self.stretch.gain > 0.0:
-            line += f"; what is above {self.stretch.from_n:.2g} N counts {1.0 + self.stretch.gain:.2f} times"
+            line += f"; the part above {self.stretch.from_n:.2g} N counts {1.0 + self.stretch.gain:.2f} times"
         return ModelSummary(
             "The detected centreline and a window around the catheter, the knob, the stated stiffness and length.",
             "image, centreline and knob",
@@ -99,29 +99,30 @@ class FusionSettings(BaseModel):
     network: Annotated[str, Field(min_length=1, max_length=4096)] = "pretrained/compact-wide"
     """Folder of the `compact` model; its own copy is kept in the saved model."""
     rod: RodTrackSettings = RodTrackSettings(vision=VisionSettings(method="auto"))
-    """Of `rod-track`; where the tracer finds no catheter the networks of detection look for it: a line that is not the
-    catheter's is found out by the rod, and by the network beside it."""
+    """Settings of `rod-track`. Where the tracer finds no catheter the networks of detection search it: the rod and the
+    network for the force reject a line of another object."""
     max_distance: Annotated[float, Field(gt=0, le=1e6)] = 50.0
     """Largest squared Mahalanobis distance of the two forces. A Gaussian's exceeds 13.8 once in 1,000; the rod, pushed
     along its axis by a clamp that moves, is no Gaussian and reads 1.3 N for 0.2 N (docs/results/trust.md)."""
     rod_std_n: tuple[_Std, _Std] = (0.005, 0.05)
-    """Added to the standard deviations of the rod's force, along the direction that the shape tells best and the one
-    that it tells least, which is the shaft's axis: its covariance knows nothing of errors that last, and takes a
-    straight shaft for one that touches nothing (docs/results/trust.md)."""
+    """Added to the standard deviations of the rod's force, along the direction that the shape determines best and
+    the one that it determines least, which is the shaft's axis: its covariance lacks lasting errors, and a straight
+    shaft appears to be free of contact (docs/results/trust.md)."""
     disagreement_s: Annotated[float, Field(gt=0, le=1e4)] | None = 1.0
     """Where rod and network differ by more than they promise (the rod's own covariance, ``rod_std_n`` added across the
-    shaft alone), the joint covariance is multiplied by the squared Birge ratio: the squared Mahalanobis distance, as it
-    is now or in its mean over this time, whichever is larger. null: it is not, which is right for a network that knows
-    the tissue well: a rod that is pushed along its own axis then says little against it (docs/results/trust.md)."""
+    shaft alone), the joint covariance is multiplied by the squared Birge ratio: the squared Mahalanobis distance,
+    either the present one or its mean over this time, the larger of both. null: it is not multiplied, which is right
+    for a network that knows the tissue well: a rod that is pushed along its axis is then little evidence against it
+    (docs/results/trust.md)."""
     vouched_s: Annotated[float, Field(gt=0, le=1e4)] | None = 30.0
-    """The network answers alone only where the rod explained the shape, and did not contradict it, in 30 % of the
+    """The network answers alone only where the rod explained the shape, and agreed with it, in 30 % of the
     frames in which the network had an answer, remembered for this time: images of another world, in which it reads
     some force or other, show a shape that is none of the stated rod (docs/results/trust.md). null: it always may, which
     is right for a network that was trained on this bench, above all in a closed loop."""
     max_error_n: Annotated[float, Field(gt=0, le=100)] | None = 0.15
     """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate (the rod alone
     where it reaches half as far, until `Fusion.calibrate` has checked its interval; the network alone, too, where the
-    tip cannot be told from what lies behind it); null: it answers however unsure it is, and the interval says so."""
+    tip cannot be distinguished from the background); null: no limit, the interval shows the uncertainty."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ class _Members:
 class Fusion(Estimator):
     """See the module. ``intervals_``: by source, in standard deviations of the joint covariance.
 
-    ``stretch_``: of what the network has a part in; found, as the intervals, by `calibrate`.
+    ``stretch_``: stretch of estimates in which the network is used; `calibrate` finds it and the intervals.
     """
 
     name: ClassVar[str] = "fusion"
@@ -202,7 +203,7 @@ class Fusion(Estimator):
         whole = interval(np.ones(len(index), np.bool_))
         for source in FusionSource:
             kept = sources == source
-            self.intervals_[source] = interval(kept) if kept.sum() >= _LEAST_FRAMES else whole
+            self.intervals_[source] = interval(kept) if kept.sum() >= MIN_FRAMES else whole
         return self
 
     @property
@@ -226,7 +227,7 @@ class Fusion(Estimator):
         return self.members.network.training_sessions
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
-        """A stream for one session; see `Estimator.start`. What a member lacks makes that member abstain."""
+        """Returns a stream for one session; see `Estimator.start`. A member without a required input abstains."""
         members = self.members
         return FusionStream(
             members.rod.start(info, images),
@@ -237,7 +238,7 @@ class Fusion(Estimator):
         )
 
     def _interval(self, source: FusionSource) -> Interval:
-        """Of ``source``; until `calibrate` that of the network, by stratum of the force, but for the rod alone."""
+        """Returns the interval of ``source``; before `calibrate` that of the network, but for the rod alone."""
         own, fitted = self.intervals_[source], self.members.network.fitted_
         return (
             fitted.interval
@@ -246,14 +247,14 @@ class Fusion(Estimator):
         )
 
     def unfitted(self) -> Self:
-        """The same settings and network without what was learnt."""
+        """Returns the same settings and network without the learnt state."""
         made = type(self)(self.settings)
         if self._members is not None:
             made._members = _Members(RodTrack(self.settings.rod), self._members.network)
         return made
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """Of both members, the intervals and the stretch."""
+        """Returns the state of both members, the intervals and the stretch."""
         rod, rod_arrays = self.members.rod.state()
         network, network_arrays = self.members.network.state()
         values = {
@@ -295,7 +296,7 @@ class Fusion(Estimator):
         return made
 
     def describe(self) -> FusionFacts:
-        """Returns the facts of both members, what the intervals rest on, and the stretch."""
+        """Returns the facts of both members, the basis of the intervals, and the stretch."""
         each = {source: self._interval(source).basis for source in FusionSource}
         same = len(set(each.values())) == 1
         both = each[FusionSource.BOTH]
@@ -321,14 +322,14 @@ class FusionStream:
     ) -> None:
         self._rod, self._network, self._settings, self._intervals = rod, network, settings, intervals
         self._stretch = stretch
-        self._disagreement = _Disagreement(settings.disagreement_s)
-        self._vouched = _Vouched(settings.vouched_s)
+        self._disagreement = _BirgeRatio(settings.disagreement_s)
+        self._vouched = _RodAgreement(settings.vouched_s)
 
     def update(self, observation: Observation) -> ForceEstimate:
         """The force at this observation; its status says why where there is none."""
         own = self._rod.update(observation)
         by_rod = _believed(own, self._settings.rod_std_n)
-        # a push along the shaft's axis is no reason to doubt the image: the shape tells nothing of it
+        # a push along the shaft's axis is no reason to reject the image: the shape does not show it
         fits = by_rod.valid or by_rod.status is Status.UNOBSERVABLE
         by_network = replace(self._network.update(observation, unsure=fits), shape=by_rod.shape)
         if by_rod.status is Status.NO_CATHETER and by_network.valid:
@@ -345,7 +346,7 @@ class FusionStream:
         self._vouched.add(by_network.stamp_ns, fits and not contradict)
         if not by_rod.valid:
             if not self._vouched:
-                detail = f"rod-track: {by_rod.detail}; it has hardly vouched for the network of late"
+                detail = f"rod-track: {by_rod.detail}; it agreed with the network in too few of the recent frames"
                 return replace(by_rod, detail=detail)
             wider = self._disagreement.remembered() * by_network.covariance_n2[:2, :2]
             cut_off = by_rod.status is Status.CUT_OFF
@@ -354,7 +355,7 @@ class FusionStream:
             return ForceEstimate.invalid(
                 by_rod.stamp_ns,
                 Status.OUT_OF_DISTRIBUTION,
-                f"rod-track and network contradict each other: {by_rod.magnitude_n:.2f} N from the shape, "
+                f"rod-track and network differ too much: {by_rod.magnitude_n:.2f} N from the shape, "
                 f"{by_network.magnitude_n:.2f} N from the image",
                 by_rod.shape,
                 _hull(by_rod, by_network),
@@ -363,7 +364,7 @@ class FusionStream:
         return self._joined(by_rod, by_network, _squared_distance(across, by_network))
 
     def _joined(self, by_rod: ForceEstimate, by_network: ForceEstimate, promised: float) -> ForceEstimate:
-        """``promised``: their squared distance by what they promise themselves."""
+        """``promised``: their squared distance in their own covariances."""
         forces = by_rod.force_n[:2], by_network.force_n[:2]
         covariances = by_rod.covariance_n2[:2, :2], by_network.covariance_n2[:2, :2]
         information = [np.linalg.inv(each) for each in covariances]
@@ -410,11 +411,11 @@ class FusionStream:
         return within_error(estimate, limit_n * _DOUBTED if limit_n is not None and doubted else limit_n)
 
 
-class _Disagreement:
-    """By how much two sources differ over what they promise: the squared Birge ratio, at least 1.
+class _BirgeRatio:
+    """Ratio of the difference of two sources to their covariances: the squared Birge ratio, at least 1.
 
     Birge, "The calculation of errors by the method of least squares", Physical Review 40 (1932), 207-227, for two
-    sources; ``memory_s``: of its mean over time (`FusionSettings.disagreement_s`), None: it is 1 always.
+    sources; ``memory_s``: time constant of its mean, None: it is 1 always.
     """
 
     def __init__(self, memory_s: float | None) -> None:
@@ -437,8 +438,8 @@ class _Disagreement:
         return max(1.0, self._mean)
 
 
-class _Vouched:
-    """True where the rod vouches for the network; see `FusionSettings.vouched_s`, None: always."""
+class _RodAgreement:
+    """True where the rod agreed with the network often enough; a time constant of None: always."""
 
     def __init__(self, memory_s: float | None) -> None:
         self._memory_s = memory_s
@@ -446,7 +447,7 @@ class _Vouched:
         self._stamp_ns: int | None = None
 
     def add(self, stamp_ns: int, together: bool) -> None:
-        """The next frame in which the network has an answer, and whether the rod vouches for it."""
+        """Adds a frame in which the network has an estimate, and whether the rod agrees with it."""
         elapsed_s = 0.0 if self._stamp_ns is None else max(0.0, (stamp_ns - self._stamp_ns) * 1e-9)
         self._stamp_ns = stamp_ns
         kept = 1.0 if self._memory_s is None else math.exp(-elapsed_s / self._memory_s)
@@ -454,7 +455,7 @@ class _Vouched:
         self._alone = kept * self._alone + (not together)
 
     def __bool__(self) -> bool:
-        return self._memory_s is None or self._together >= _VOUCHED * (self._together + self._alone)
+        return self._memory_s is None or self._together >= MIN_AGREEMENT_SHARE * (self._together + self._alone)
 
 
 def _hull(one: ForceEstimate, other: ForceEstimate) -> tuple[float, float]:
@@ -464,7 +465,7 @@ def _hull(one: ForceEstimate, other: ForceEstimate) -> tuple[float, float]:
 
 
 def _squared_distance(one: ForceEstimate, other: ForceEstimate) -> float:
-    """Of Mahalanobis, between two forces in the plane."""
+    """Returns the squared Mahalanobis distance between two forces in the plane."""
     apart = one.force_n[:2] - other.force_n[:2]
     return float(apart @ np.linalg.solve(one.covariance_n2[:2, :2] + other.covariance_n2[:2, :2], apart))
 

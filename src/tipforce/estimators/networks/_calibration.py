@@ -49,13 +49,21 @@ class CalibrationBatch:
     def outputs(self, *, held_out: bool, augmented: bool) -> Arrays:
         """Returns the outputs for samples spread evenly over the validation split (``held_out``) or the training one.
 
-        The images are as they are, or ``augmented`` as in training.
+        Args:
+            held_out: which split is used.
+            augmented: whether the images are augmented as in training.
         """
         index = self.held_out if held_out else spread_evenly(self.split.train, _CALIBRATION_SAMPLES)
         return self.at(index, augmented=augmented)
 
     def at(self, index: IntArray, *, augmented: bool = False, names: Sequence[str] | None = None) -> Arrays:
-        """Returns the outputs ``names`` (None: all) for the samples at ``index``."""
+        """Returns outputs of the graph.
+
+        Args:
+            index: indices of the samples.
+            augmented: whether the images are augmented as in training.
+            names: names of the outputs; None: all.
+        """
         batches: list[Arrays] = []
         for first in range(0, len(index), _BATCH):
             now = index[first : first + _BATCH]
@@ -66,15 +74,21 @@ class CalibrationBatch:
         return {name: np.concatenate([batch[name] for batch in batches]) for name in batches[0]}
 
 
-def spread_evenly(index: IntArray, most: int) -> IntArray:
-    """Returns at most so many of ``index``, spread evenly over it."""
-    return index[np.unique(np.linspace(0, len(index) - 1, min(len(index), most)).astype(np.int64))]
+def spread_evenly(index: IntArray, count: int) -> IntArray:
+    """Returns at most ``count`` of ``index``, spread evenly over it."""
+    return index[np.unique(np.linspace(0, len(index) - 1, min(len(index), count)).astype(np.int64))]
 
 
 def quantise_checked(
     data: bytes, task: Task, samples: TrainingSamples, split: TrainValSplit
 ) -> tuple[bytes | None, float]:
-    """Quantise a graph to 8 bits, if its error on validation samples hardly grows.
+    """Quantises a graph to 8 bits, if its error on validation samples grows by less than `MAX_ERROR_GROWTH`.
+
+    Args:
+        data: the graph.
+        task: makes batches of the samples.
+        samples: all samples.
+        split: its training samples give the typical inputs, its validation samples the error.
 
     Returns:
         The quantised graph and the relative growth of its error. None, with a warning, in place of the graph where the

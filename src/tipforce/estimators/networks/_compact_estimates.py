@@ -12,9 +12,9 @@ from ._calibration import Outputs
 from ._rate_compensation import History, RateCompensation
 from ._tissue import TissueBelief
 
-_HEATMAP_SHARE = 0.3
+MIN_HEATMAP_SHARE = 0.3
 """A heatmap with less than this share of the smallest usual number of pixels shows no catheter."""
-_WRONG_SHARE = 0.05
+MAX_WRONG_SHARE = 0.05
 """Share of the estimates that may be wrong by more than the setting ``max_error_n``."""
 _OOD_QUANTILE = 0.002
 """Share of in-distribution images that may be taken for images of a displaced catheter."""
@@ -53,7 +53,7 @@ def fit_abstention_limits(
     heatmap_trained: bool,
     ood_trained: bool,
 ) -> AbstentionLimits:
-    """Set the limits.
+    """Sets the limits.
 
     Args:
         held_out: outputs for held-out samples.
@@ -63,7 +63,7 @@ def fit_abstention_limits(
         ood_trained: whether training had out-of-distribution images.
     """
     logit = min(0.0, float(np.quantile(held_out["in_distribution_logit"], _OOD_QUANTILE)))
-    pixels = _HEATMAP_SHARE * float(np.quantile(heatmap_pixels(held_out), 0.01)) if heatmap_trained else 0.0
+    pixels = MIN_HEATMAP_SHARE * float(np.quantile(heatmap_pixels(held_out), 0.01)) if heatmap_trained else 0.0
     return AbstentionLimits(
         min_heatmap_px=pixels,
         max_sigma_n=float(np.quantile(sigma_n, 1.0 - abstained)),
@@ -77,7 +77,7 @@ def largest_trusted_sigma(sigma_n: FloatArray, error_n: FloatArray, max_error_n:
     Args:
         sigma_n: (n,) standard deviations of held-out magnitudes.
         error_n: (n,) their errors.
-        max_error_n: more than this is wrong; None: nothing is.
+        max_error_n: a larger error is wrong; None: no error is.
 
     >>> largest_trusted_sigma(np.array([0.01, 0.02, 0.03]), np.array([0.0, 0.01, 0.2]), 0.05)
     0.02
@@ -86,7 +86,7 @@ def largest_trusted_sigma(sigma_n: FloatArray, error_n: FloatArray, max_error_n:
         return math.inf
     order = np.argsort(sigma_n, kind="stable")
     wrong = np.cumsum(np.abs(error_n[order]) > max_error_n) / np.arange(1, len(order) + 1)
-    trusted = np.flatnonzero(wrong <= _WRONG_SHARE)
+    trusted = np.flatnonzero(wrong <= MAX_WRONG_SHARE)
     return float(sigma_n[order[trusted[-1]]]) if len(trusted) else 0.0
 
 
@@ -99,11 +99,11 @@ class CompactEstimateBuilder:
         unit_n: the network's unit of force.
         laplace: epistemic uncertainty.
         ood: out-of-distribution detector on the network's last grid of features.
-        limits: when to abstain.
+        limits: limits of the abstention.
         interval: half-widths and ends in standard deviations, not newtons: the predicted deviation scales them.
-        compensation: of the viscous force.
+        compensation: compensation of the viscous force.
         history: earlier estimates of the session.
-        tissue: what the session tells about its tissue; None for a network without classes of tissue.
+        tissue: shares of the tissue classes in the session; None for a network without classes of tissue.
     """
 
     known: BoolArray
@@ -117,19 +117,25 @@ class CompactEstimateBuilder:
     tissue: TissueBelief | None = None
 
     def __call__(self, stamp_ns: int, outputs: Outputs, *, unsure: bool = False) -> ForceEstimate:
-        """Returns one estimate, from outputs (1, ...); ``unsure``: however uncertain it is."""
+        """Returns one estimate.
+
+        Args:
+            stamp_ns: stamp of the frame.
+            outputs: outputs of the network, (1, ...) each.
+            unsure: whether the estimate is returned without the limit of its uncertainty.
+        """
         pixels = heatmap_pixels(outputs)[0]
         if pixels < self.limits.min_heatmap_px:
             return ForceEstimate.invalid(
                 stamp_ns,
                 Status.NO_CATHETER,
-                f"there is hardly a catheter in the window ({pixels:.1f} pixels of its heatmap)",
+                f"the heatmap shows no catheter in the window ({pixels:.1f} pixels)",
             )
         if outputs["in_distribution_logit"][0] < self.limits.min_in_distribution_logit:
             return ForceEstimate.invalid(
                 stamp_ns,
                 Status.OUT_OF_DISTRIBUTION,
-                "the catheter lies as in no training image: shifted, rotated, or of another scale",
+                "the catheter is shifted, rotated, or of another scale than in all training images",
             )
         abstention = self.ood.abstention(stamp_ns, outputs["grid"])
         if abstention is not None:
@@ -142,7 +148,7 @@ class CompactEstimateBuilder:
             return ForceEstimate.invalid(
                 stamp_ns,
                 Status.UNOBSERVABLE,
-                f"this image tells the force to {sigma_n * 1e3:.0f} mN only (standard deviation)",
+                f"the force has a standard deviation of {sigma_n * 1e3:.0f} mN in this image, more than the limit",
                 abstained_interval_n=self.interval.magnitude_interval(size, sigma_n),
             )
         rate = self.history.rate(stamp_ns, force)

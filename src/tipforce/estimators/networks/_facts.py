@@ -13,11 +13,11 @@ class NetworkTraining(TrainingFacts, frozen=True):
     Attributes:
         required_metadata: keys of the metadata that all training sessions stated, which are required of others.
         known_metadata: keys of the metadata that any of them stated.
-        modalities: of the training images.
+        modalities: modalities of the training images.
         samples: number of samples that could be read.
         left_out: session -> samples that could not be read, and all samples of the session.
         parity_with_network_n: difference of the exported graph to the trained network, in newtons.
-        bits: of the graph's numbers.
+        bits: bits of the graph's numbers.
         error_growth_in_8_bits: relative growth of the error by the quantisation; None without one.
         fine_tuned_from: the network that it was fine-tuned from; None for one trained from random weights.
         trained_on: the training data in words, those of the models that it was fine-tuned from first.

@@ -27,14 +27,13 @@ class Graph:
 
     Args:
         data: the bytes of the graph.
-        where: what error messages call it, such as the file's name.
-        threads: number of threads it runs on; 0: as many as OMP_NUM_THREADS says, else one for each core that this
-            process may use.
+        where: its name in error messages, such as that of the file.
+        threads: number of threads; 0: the value of OMP_NUM_THREADS, or one for each core of this process.
         on: the runtime; OpenVINO needs the extra ``[openvino]``.
 
     Attributes:
         runtime: name and version of the runtime.
-        metadata: what was stored in the graph when it was exported.
+        metadata: facts that were stored in the graph at its export.
         inputs: name -> (shape, None where any length is allowed; dtype).
         outputs: their names.
 
@@ -94,7 +93,7 @@ class Graph:
 
 @contextmanager
 def _as_model_error(where: str) -> Generator[None]:
-    """Turns what a runtime raises while it loads a graph into a ModelError: each runtime has types of its own."""
+    """Turns an error of a runtime while it loads a graph into a ModelError: each runtime has its own error types."""
     try:
         yield
     except Exception as error:

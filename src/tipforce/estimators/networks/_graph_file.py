@@ -1,7 +1,7 @@
-"""What is in the file of a graph, looked at before any runtime loads it: operators, initialisers, external data.
+"""Checks the file of a graph before a runtime loads it: operators, initialisers, external data.
 
 An ONNX file is a protocol buffer (``onnx.proto``: ModelProto, GraphProto, NodeProto, AttributeProto, TensorProto). The
-few fields that matter here are read from its bytes, for the package onnx is needed for export only.
+few fields that matter here are read from its bytes, because the package onnx is needed for export only.
 """
 
 from collections.abc import Iterator
@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from ...errors import ModelError
 
 MAX_GRAPH_BYTES = 1 << 29
-"""Longest file of a graph; that of `dcfe` has 22 MB."""
+"""Largest file of a graph; that of `dcfe` has 22 MB."""
 MAX_FIELDS = 1_000_000
-"""Most fields of the protocol buffer; that of `dcfe` has 2000."""
+"""Largest number of fields of the protocol buffer; that of `dcfe` has 2000."""
 
 # fmt: off
 OPERATORS = frozenset((
@@ -26,17 +26,17 @@ OPERATORS = frozenset((
     "Transpose", "Unsqueeze", "Where",
 ))
 # fmt: on
-"""What a graph may consist of: neither loops nor branches, nothing random, and no operators of other domains."""
+"""Permitted operators: neither loops nor branches, nothing random, and no operators of other domains."""
 
 _MAX_DIMENSIONS = 16
 
 
 def check_graph_file(data: bytes, where: str) -> None:
-    """Looks through the bytes of a graph.
+    """Checks the bytes of a graph.
 
     Args:
         data: the bytes.
-        where: what error messages call it.
+        where: its name in error messages.
 
     Raises:
         ModelError: it is too long, no graph, has operators that are not among `OPERATORS`, functions of its own, more
@@ -120,7 +120,7 @@ class _Check:
             )
 
     def _fields(self, message: memoryview) -> Iterator[tuple[int, memoryview | int]]:
-        """Number and value of each field: an integer, or bytes."""
+        """Yields number and value of each field: an integer, or bytes."""
         at = 0
         while at < len(message):
             self._fields_left -= 1
@@ -143,9 +143,9 @@ class _Check:
             yield key >> 3, message[at : at + length]
             at += length
 
-    def _refused(self, what: str) -> ModelError:
+    def _refused(self, finding: str) -> ModelError:
         return ModelError(
-            f"{self._where}: {what}; graphs that `tipforce train` writes have none: train the model again"
+            f"{self._where}: {finding}; graphs that `tipforce train` writes have none: train the model again"
         )
 
 
@@ -156,7 +156,7 @@ def _message(value: memoryview | int) -> memoryview:
 
 
 def _first_numbers(packed: memoryview) -> list[int]:
-    """Of numbers one after the other, a few more than a tensor has dimensions."""
+    """Returns the first of the packed numbers, one more than the largest number of dimensions."""
     found: list[int] = []
     at = 0
     while at < len(packed) and len(found) <= _MAX_DIMENSIONS:

@@ -1,7 +1,7 @@
 """From an image of any size to the image of a network: the whole image resized, or a window around the catheter.
 
 The window of `compact` follows the session's metadata: its side is a multiple of the catheter's nominal length at the
-image's scale, so that a long and a short catheter fill it alike. It begins at the border at which the base lies, and is
+image's scale, so that a long and a short catheter fill it alike. It begins at the border at which the base is, and is
 rotated so that the base is on the left. Nothing needs to be detected in the image first.
 """
 
@@ -23,20 +23,20 @@ RESNET_SIZE_PX = 224
 """Side of the image of the thesis's network."""
 
 BASE_SIDES = ("left", "bottom", "right", "top")
-"""Borders that the base may lie at; the index is the number of clockwise quarter turns of the image."""
+"""Borders that the base may be at; the index is the number of clockwise quarter turns of the image."""
 
-_LARGEST = 100.0
-"""A window is at most so many times as large as the image: what takes more was not measured in metres."""
+MAX_WINDOW_IMAGES = 100.0
+"""Largest window in sizes of the image; a larger one means that the length or the scale is not in metres."""
 
 WINDOW_LENGTHS = 1.35
-"""Side of the window in nominal lengths of the catheter: it shows what the tip touches, too."""
+"""Side of the window in nominal lengths of the catheter: it also shows the tissue at the tip."""
 
 
 MIN_PIXEL_CORRELATION = 0.1
-"""Least correlation of pixels that are side by side: 0.00 +- 0.01 in white noise, as of a lost signal; at least 0.98 in
-14 images of real cameras and 0.81 in 30 real X-ray images."""
+"""Smallest correlation of pixels that are side by side: 0.00 +- 0.01 in white noise, as of a lost signal; at least 0.98
+in 14 images of real cameras and 0.81 in 30 real X-ray images."""
 _CORRELATED_ROWS = 4
-"""Every so many-th row is looked at."""
+"""Distance of the rows that are compared."""
 
 
 def is_white_noise(image: Image) -> bool:
@@ -63,7 +63,7 @@ class Window:
         origin: (u, v) of the base: the middle of the window's side at the border of the image.
         size_px: side in image pixels.
         turns: clockwise quarter turns that bring the base to the left.
-        at_base: whether it is known where the base lies.
+        at_base: whether the border of the base is known.
     """
 
     origin: tuple[float, float]
@@ -86,10 +86,10 @@ def catheter_window(
     the whole image.
 
     Args:
-        info: of the session.
+        info: metadata of the session.
         view: name of the view.
         shape: (h, w[, 3]) of its images.
-        side: border at which the base lies; None: not known.
+        side: border at which the base is; None: not known.
         lengths: side of the window in nominal lengths of the catheter.
         across: position of the base along the border, as a share from its left or upper end.
 
@@ -103,7 +103,7 @@ def catheter_window(
     if side is not None and scale is not None and catheter.flexible_length_m is not None:
         length_m = catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)
         size = lengths * length_m / scale
-        if size > _LARGEST * max(width, height):
+        if size > MAX_WINDOW_IMAGES * max(width, height):
             raise InputError(
                 f"a catheter of {length_m:g} m at views.{view}.metres_per_px = {scale:g} would be "
                 f"{length_m / scale:.3g} px long in images of {width} x {height}: state both in metres in bench.toml"
@@ -160,7 +160,7 @@ def _crop(image: Image, u0: float, v0: float, cos: float, sin: float, side: floa
     counts = np.empty((2, size), np.int64)
     for axis in range(2):
         limit = width if axis == 0 else height
-        # on which of the image's axes "along" and "across" of the window lie
+        # the axes of the image that are "along" and "across" in the window
         for k in range(size):
             along = (k + 0.5) * scale
             across = along - 0.5 * side
@@ -266,7 +266,7 @@ def _average_areas(
     across: npt.NDArray[np.float32],
     out: Image,
 ) -> None:
-    """Average ``image`` (h, w * channels) over areas: rows first, all columns at once, then along each row."""
+    """Average ``image`` (h, w * channels) over areas: first over rows for all columns together, then along each row."""
     row = np.empty(image.shape[1], np.float32)
     mean = np.empty(out.shape[1], np.float32)
     for y in range(out.shape[0]):

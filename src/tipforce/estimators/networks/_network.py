@@ -1,4 +1,4 @@
-"""What all methods that are networks share: training, export with a parity check, and estimates by the graph alone."""
+"""Base class of the methods that are networks: training, export with a parity check, estimates by the graph alone."""
 
 import contextlib
 import json
@@ -60,8 +60,8 @@ MIN_SAMPLES = 20
 """Least number of samples for training and validation."""
 
 MAX_PARITY_N = 1e-3
-"""Largest deviation of the exported graph from the trained network. 1 mN is a tenth of a gram, far below what any image
-shows. Beyond it the weights are stored in single instead of half precision, and if that is not enough, training
+"""Largest deviation of the exported graph from the trained network. 1 mN is a tenth of a gram, far below the error of
+any estimate. Beyond it the weights are stored in single instead of half precision, and if that is not enough, training
 fails."""
 
 GRAPH_FILE, QUANTISED_FILE = "model.onnx", "model.int8.onnx"
@@ -85,7 +85,7 @@ class FittedNetwork:
         data: bytes of the graph in 32 bits.
         quantised: bytes of the graph in 8 bits, None where there is none.
         log: the training log.
-        arrays: what else was fitted, see `NetworkEstimator.fit_arrays`.
+        arrays: further fitted arrays, see `NetworkEstimator.fit_arrays`.
         interval: conformal intervals.
         facts: how it was trained.
         sessions: all sessions it was trained on, with those of the model it was fine-tuned from.
@@ -126,11 +126,11 @@ class NetworkEstimator(FineTunable):
 
     @abstractmethod
     def input_specs(self, *, training: bool) -> Specs:
-        """Returns shape and dtype of what `reader` reads: for training, or as the graph takes it."""
+        """Returns shape and dtype of the inputs that `reader` reads: for training, or for the graph."""
 
     @abstractmethod
     def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
-        """Returns what reads the inputs from the observations of one session."""
+        """Returns a function that reads the inputs from the observations of one session."""
 
     @abstractmethod
     def task(self, known: BoolArray, base_frame: bool, actuation: tuple[tuple[float, float], ...]) -> Task:
@@ -143,7 +143,7 @@ class NetworkEstimator(FineTunable):
         """
 
     def resolve_settings(self, dataset: Dataset) -> None:
-        """Find in ``dataset`` what the settings leave open."""
+        """Resolves the open settings on ``dataset``."""
 
     def heatmap_spec(self) -> Spec | None:
         """Returns shape and dtype of the "heatmap" that `reader` makes of masks; None for a method without one."""
@@ -160,7 +160,7 @@ class NetworkEstimator(FineTunable):
         return ()
 
     def fit_arrays(self, calibration: CalibrationBatch) -> Arrays:
-        """Fit what a method keeps beside its graph, such as its uncertainty."""
+        """Fits the arrays that a method keeps beside its graph, such as its uncertainty."""
         del calibration
         return {}
 
@@ -175,7 +175,7 @@ class NetworkEstimator(FineTunable):
 
     @property
     def required_metadata(self) -> tuple[str, ...]:
-        """What every training session had. Raises NotFittedError before ``fit``."""
+        """Metadata keys that all training sessions stated. Raises NotFittedError before ``fit``."""
         return self._fitted().facts.required_metadata
 
     @property
@@ -333,7 +333,7 @@ class NetworkEstimator(FineTunable):
         if heatmap is not None and dataset.has_masks(view):
             specs["heatmap"], masks = heatmap, dataset.masks(view)
         sessions = [repr(dataset.session_info[name]) for name in sorted(dataset.session_info)]
-        elsewhere = {*TrainConfig.model_fields, "max_left_out"}  # these change nothing in what is prepared
+        elsewhere = {*TrainConfig.model_fields, "max_left_out"}  # these do not change the prepared inputs
         key = "\n".join([self.name, self.settings.model_dump_json(exclude=elsewhere), *sessions])
         prepared = prepare(dataset, masks, specs, read, folder, key, dataset.names_of(view), report)
         if len(prepared.index) < MIN_SAMPLES:
@@ -401,7 +401,7 @@ class NetworkEstimator(FineTunable):
         return NetworkStream(fitted, reader, self.estimate_builder(info), self.required_actuation, info, self.views[0])
 
     def estimate_builder(self, info: SessionInfo) -> BuildEstimate:
-        """Returns what makes estimates from the graph's outputs, for one session."""
+        """Returns a function that makes estimates from the graph's outputs, for one session."""
         del info
         fitted = self._fitted()
         builder = EstimateBuilder(fitted.known, fitted.interval)
@@ -471,7 +471,7 @@ class NetworkEstimator(FineTunable):
             facts=NetworkTraining.model_validate(values["facts"]),
             sessions=state.sessions,
         )
-        made.start(SessionInfo())  # what the state lacks is missed here, not at the first frame
+        made.start(SessionInfo())  # an incomplete state is found here, not at the first frame
         made.check_fit()
         return made
 
@@ -528,7 +528,7 @@ class NetworkEstimator(FineTunable):
 
 
 class NetworkStream:
-    """One session, frame after frame; ``build`` keeps what is needed of earlier frames, ``actuation`` is read."""
+    """Estimates one session; ``build`` keeps the necessary earlier frames, ``actuation`` are further inputs."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What a stored network says beside its graph, checked when it is loaded."""
+"""The stored values of a network beside its graph, checked when they are loaded."""
 
 from typing import Annotated
 
@@ -16,6 +16,6 @@ class NetworkState(BaseModel):
 
     actuation: tuple[str, ...]
     actuation_limits: dict[str, tuple[_Number, _Number]] = {}
-    """In models that were saved before it was known: nothing."""
+    """Empty in models that were saved before limits existed."""
     known: tuple[bool, bool, bool]
     sessions: tuple[str, ...]

@@ -131,7 +131,7 @@ def prepare(
         read: reads one sample.
         folder: where the files are.
         key: everything that ``read`` depends on.
-        names: (n,) what each sample is called in messages.
+        names: (n,) name of each sample in messages.
         report: called with the finished share.
 
     Raises:

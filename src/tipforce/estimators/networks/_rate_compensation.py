@@ -21,7 +21,7 @@ MAX_COMPENSATION_S = 10.0
 """Largest value of a compensation. Those of tissue are tens of milliseconds; a longer one is fitted where the network
 estimates nearly the same force in all images."""
 _PRIOR_SAMPLES = 200.0
-"""The initial model's compensation, or none, counts as so many samples."""
+"""Weight of the initial model's compensation, or of none, in samples."""
 _MAX_PAIRS = 20_000
 """About the largest number of pairs of samples for the fit, at most twice as many."""
 
@@ -43,7 +43,7 @@ class RateCompensation:
 
 
 class History:
-    """The estimates of the last moments of one session."""
+    """The last estimates of one session."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[int, FloatArray]] = deque()
@@ -107,7 +107,7 @@ def fit_rate_compensation(
         estimate_n: (n, t) estimates from single images.
         rate: (n, t) rates of their change in N/s.
         truth_n: (n, t) labels.
-        initial: what the fit is regularised towards, with the weight of `_PRIOR_SAMPLES` samples.
+        initial: the fit is regularised towards this one, with the weight of `_PRIOR_SAMPLES` samples.
     """
     if not rate.any():
         return initial

@@ -37,9 +37,9 @@ class NetworkSettings(TrainConfig):
 class DcfeSettings(NetworkSettings):
     """ResNet-18 from the image to Fx and Fy (thesis ch. 4).
 
-    The thesis states stochastic gradient descent, eq. (19) and 10,000 epochs on all training images; what it leaves
-    open is chosen here. By default a tenth of the images is held out and ends training early (``validation``,
-    ``patience``); `Dcfe.thesis_settings` are the thesis's to the letter.
+    The thesis states stochastic gradient descent, eq. (19) and 10,000 epochs on all training images; the values
+    that it does not state are chosen here. By default a tenth of the images is held out and ends training early
+    (``validation``, ``patience``); `Dcfe.thesis_settings` are exactly those of the thesis.
     """
 
     fine_tuning: ClassVar[Mapping[str, Any]] = {
@@ -58,7 +58,7 @@ class DcfeSettings(NetworkSettings):
     epochs: Epochs = 10_000
     """Largest number of epochs, as in the thesis."""
     patience: Epochs | None = 60
-    """Early stopping after so many epochs without a smaller validation error; None: all ``epochs``."""
+    """Number of epochs without a smaller validation error after which training stops; None: all ``epochs``."""
     validation: Annotated[float, Field(ge=0, le=0.5)] = 0.1
     """See `TrainConfig`. 0, as in the thesis: all samples train, the last epoch is kept, and there are no intervals and
     no abstention, for nothing is left to measure them on."""
@@ -95,9 +95,9 @@ class CompactSettings(NetworkSettings):
     size: Annotated[int, Field(ge=64, le=4096, multiple_of=32)] = 160
     """Side of the network's image in pixels."""
     lengths: Annotated[float, Field(gt=1, le=1000)] = WINDOW_LENGTHS
-    """Side of the window in nominal lengths of the catheter: it is to show what the tip touches, too."""
+    """Side of the window in nominal lengths of the catheter: it also shows the tissue at the tip."""
     base_side: Literal["auto", "left", "right", "top", "bottom", "none"] = "auto"
-    """Border at which the base lies. `auto`: from the metadata, else detected; `none`: the whole image is used."""
+    """Border at which the base is. `auto`: from the metadata, else detected; `none`: the whole image is used."""
     across: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Position of the base along that border, as a share from its left or upper end."""
     abstained: Annotated[float, Field(ge=0, lt=1)] = 0.03
@@ -110,8 +110,8 @@ class CompactSettings(NetworkSettings):
     epochs: Epochs = 30
     """Largest number of epochs."""
     patience: Epochs | None = None
-    """Early stopping after so many epochs without a smaller validation error; None: never, for the learning rate
-    falls with the number of epochs."""
+    """Number of epochs without a smaller validation error after which training stops; None: never, because the learning
+    rate falls with the number of epochs."""
     batch: Batch = 64
     """Batch size."""
     optimiser: Literal["sgd", "adamw"] = "adamw"
@@ -123,7 +123,7 @@ class CompactSettings(NetworkSettings):
     schedule: Literal["constant", "cosine", "plateau"] = "cosine"
     """See `TrainConfig`."""
     warmup_epochs: WarmupEpochs = 0.5
-    """The learning rate rises linearly over so many epochs first."""
+    """Number of epochs at the start over which the learning rate rises linearly."""
     clip_norm: ClipNorm | None = 1.0
     """Largest norm of the gradient; longer gradients are scaled down."""
     average: Annotated[float, Field(ge=0, lt=1)] = 0.998

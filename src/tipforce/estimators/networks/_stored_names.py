@@ -1,7 +1,7 @@
 """Names in stored graphs and arrays that differ from those in the code.
 
 The graphs of the shipped models, and the arrays of `compact`, were made when some names were others. Both are read by
-these tables. What is written now has the new names, to which the tables do nothing.
+these tables. New files have the new names, which the tables leave unchanged.
 """
 
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ _ARRAYS = {
     "seen_side": "detected_base_side",
 }
 _OOD_ARRAYS = {"centre": "centre", "directions": "directions", "spread": "deviation", "rest_far": "scales"}
-"""Of the k-th distribution, with the prefix ``domain{k}_``, now ``ood{k}_``."""
+"""Arrays of the k-th distribution, with the prefix ``domain{k}_``, now ``ood{k}_``."""
 
 
 def current_graph_name(name: str) -> str:

@@ -1,9 +1,10 @@
-"""What the images of a session tell about the stiffness of its tissue.
+"""The stiffness of a session's tissue, from its images.
 
-How deep the tip presses in tells the force only where the tissue is known. `compact` says for each image how likely
-each class of tissue is; over a session these add up, but less than for independent images, for neighbouring frames
-share what is unknown of catheter and bench. How much each counts is learnt from whole sessions: the least weight that
-is not clearly worse than the best, for a belief that is sure and wrong makes a force that is sure and wrong.
+The depth of the indentation determines the force only where the tissue is known. `compact` estimates for each image
+how likely each class of tissue is. Over a session these likelihoods add up, but with a weight below that of independent
+images, because neighbouring frames share the same errors of catheter and bench. The weight is learnt from whole
+sessions: it is the smallest that is not clearly worse than the best, because a wrong class with a high share makes a
+wrong force with a narrow interval.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from ._preparation import Arrays
 SPACING_S = 0.25
 """Frames that follow each other by this time or more count in full, nearer ones in proportion."""
 FORGOTTEN_S = 120.0
-"""Time after which what was learnt counts as if the tip might touch another tissue by now."""
+"""Time constant with which the evidence is forgotten: the tip may touch another tissue by then."""
 _STATED_SHARE = 0.2
 """Standard deviation of a stated stiffness's logarithm: it holds for one place and one speed."""
 _WEIGHTS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)

@@ -1,6 +1,6 @@
-"""A graph that somebody else may have made is first run in a process of its own, with limits of time and memory.
+"""A graph of unknown origin is first run in a separate process, with limits of time and memory.
 
-Without loops and branches what a graph costs does not depend on the image, so one run tells it. A crash of the runtime
+Without loops and branches the cost of a graph does not depend on the image, so one run shows it. A crash of the runtime
 ends that process alone.
 """
 
@@ -22,10 +22,10 @@ def try_graph(path: Path) -> None:
     Raises:
         ModelError: it takes longer than `TRIAL_S` or more memory than `TRIAL_BYTES`, crashes, or is refused.
     """
-    from ..._system.processes import run_child  # here, for this file is also a program outside of any package
+    from ..._system.processes import run_child  # here, because this file is also a program outside of any package
     from ...errors import ModelError
 
-    # -P: what lies in the current folder is not imported
+    # -P: nothing is imported from the current folder
     command = [sys.executable, "-P", __file__, str(path), str(TRIAL_BYTES)]
     try:
         done = run_child(command, capture=True, timeout_s=TRIAL_S)
@@ -41,7 +41,7 @@ def try_graph(path: Path) -> None:
 
 
 def _run(path: Path, limit_bytes: int) -> None:
-    """What the process does: only NumPy and the runtime are loaded."""
+    """Runs in the separate process, which loads only NumPy and the runtime."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # each thread takes address space
         os.environ[name] = "1"
     if sys.platform != "win32":

@@ -1,7 +1,7 @@
 """`compact`: a small network for a window around the catheter, with metadata of the session and its own uncertainty.
 
 Beyond the thesis: grey images of the window alone; outputs for the variance of the force, contact and the catheter's
-heatmap; the force for each class of tissue, weighed by what the session tells about its tissue; intervals that follow
+heatmap; the force for each class of tissue, weighed by the evidence of the session on its tissue; intervals that follow
 the predicted uncertainty; the mean over an image and its mirror image; abstention from images unlike the training
 images, and from those of a displaced camera or bench.
 """
@@ -69,16 +69,16 @@ STIFFNESS_NM2, LENGTH_M, DIAMETER_M = 4.3e-4, 0.04, 2.33e-3
 _KNOB_GAIN = "actuation.knob_gain_per_m_deg"
 _TRAINING_SIZE = 1.3
 """Side of the training images over that of the network's: there is room for augmentation."""
-_DIFFERENT_TISSUE = 2.0
-"""Classes of tissue are learnt where the stiffest of the training data is so many times as stiff as the softest."""
-_FAMILIAR_S, _LEAST_FAMILIAR = 2.0, 0.5
-"""So large a share of the last images, remembered for so long, must be like the training's."""
+MIN_STIFFNESS_RATIO = 2.0
+"""Classes of tissue are learnt if the stiffest tissue of the training data is at least this ratio above the softest."""
+_IN_DISTRIBUTION_S, MIN_IN_DISTRIBUTION_SHARE = 2.0, 0.5
+"""Time constant and smallest value of the share of recent images that must be in distribution."""
 _CALIBRATION_IMAGES = 10
 """Images in which the base's border is detected, where the metadata do not state it."""
 
 
 def metadata_features(info: SessionInfo, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
-    """Returns (4,) `METADATA_FEATURES` of catheter and bench; 0 for what is not known.
+    """Returns (4,) `METADATA_FEATURES` of catheter and bench; 0 for unknown values.
 
     >>> metadata_features(SessionInfo(), {}).tolist()
     [0.0, 0.0, 0.0, 0.0]
@@ -117,7 +117,7 @@ class Compact(NetworkEstimator):
         return (*COMPACT_OUTPUTS, *TISSUE_OUTPUTS) if self._tissue else COMPACT_OUTPUTS
 
     def resolve_settings(self, dataset: Dataset) -> None:
-        """Find whether there are classes of tissue, and the border at which the base lies where nothing states it.
+        """Find whether there are classes of tissue, and the border of the base if the metadata do not state it.
 
         Where the border cannot be detected, whole images are used.
         """
@@ -127,7 +127,7 @@ class Compact(NetworkEstimator):
         )
         known = [each for each in stated if each is not None]
         before = initial is not None and TissueEvidence.of(initial.arrays) is not None
-        self._tissue = before or (bool(known) and max(known) > _DIFFERENT_TISSUE * min(known))
+        self._tissue = before or (bool(known) and max(known) > MIN_STIFFNESS_RATIO * min(known))
         self._detect_base_side(dataset)
 
     def _detect_base_side(self, dataset: Dataset) -> None:
@@ -151,7 +151,7 @@ class Compact(NetworkEstimator):
         return {"image": ((side, side), "uint8"), "metadata": ((len(METADATA_FEATURES),), "float32"), **label}
 
     def metadata_names(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """See `NetworkEstimator`. Without what every session stated, another catheter would pass for a nominal one."""
+        """See `NetworkEstimator`. Keys that all training sessions stated are required: a default could be wrong."""
         each = [info.stated_keys() for info in dataset.session_info.values()]
         names = [name for name in dict.fromkeys(itertools.chain(*each)) if name in self._used_metadata()]
         return tuple(name for name in names if all(name in other for other in each)), tuple(names)
@@ -165,7 +165,7 @@ class Compact(NetworkEstimator):
 
     @property
     def required_actuation(self) -> tuple[str, ...]:
-        """What it was trained with; the knob, too, where its gain is required. Raises NotFittedError."""
+        """Actuation that it was trained with; the knob, too, where its gain is required. Raises NotFittedError."""
         fitted = self._fitted()
         return tuple(dict.fromkeys((*fitted.actuation, *self.further_actuation(self.required_metadata))))
 
@@ -264,7 +264,7 @@ class Compact(NetworkEstimator):
         initial = self.initial_model()
         before = None if initial is None else OodDetector.of(initial.arrays)
         ood = fit_ood_detector(training["grid"], held_out["grid"], threshold_grid, before)
-        # what the initial model learnt still holds where its distribution contains the new images
+        # the uncertainty of the initial model still holds if its distribution contains the new images
         still_holds = initial is not None and len(ood.distributions) > 1
         laplace = fit_laplace(
             training["features"],
@@ -397,11 +397,11 @@ class CompactStream(NetworkStream):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._familiar = RecentShare(_FAMILIAR_S)
+        self._in_distribution = RecentShare(_IN_DISTRIBUTION_S)
         self._before_ns: int | None = None
 
     def update(self, observation: Observation, *, unsure: bool = False) -> ForceEstimate:
-        """See `Stream`; ``unsure``: also where the force is too uncertain to stand alone."""
+        """See `Stream`; ``unsure``: whether the limit of the uncertainty is left out."""
         outputs = self.outputs(observation)
         if isinstance(outputs, ForceEstimate):
             return outputs
@@ -409,12 +409,12 @@ class CompactStream(NetworkStream):
         estimate = self._build(observation.stamp_ns, outputs, unsure=unsure)
         before_ns = observation.stamp_ns if self._before_ns is None else self._before_ns
         elapsed_s, self._before_ns = max(0.0, 1e-9 * (observation.stamp_ns - before_ns)), observation.stamp_ns
-        self._familiar.add(estimate.status is not Status.OUT_OF_DISTRIBUTION, elapsed_s)
-        if estimate.valid and self._familiar.value < _LEAST_FAMILIAR:
+        self._in_distribution.add(estimate.status is not Status.OUT_OF_DISTRIBUTION, elapsed_s)
+        if estimate.valid and self._in_distribution.value < MIN_IN_DISTRIBUTION_SHARE:
             return ForceEstimate.invalid(
                 observation.stamp_ns,
                 Status.OUT_OF_DISTRIBUTION,
-                f"only {self._familiar.value:.0%} of the last images are like those of the training",
+                f"only {self._in_distribution.value:.0%} of the last images are like those of the training",
             )
         return estimate
 

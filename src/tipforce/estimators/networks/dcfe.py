@@ -51,7 +51,7 @@ class Dcfe(NetworkEstimator):
         return {"image": ((RESNET_SIZE_PX, RESNET_SIZE_PX, 3), "uint8")}
 
     def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
-        """See `NetworkEstimator`; the image resized, whatever the session."""
+        """See `NetworkEstimator`; the resized image, the same for all sessions."""
         del info, training
         return self._read
 

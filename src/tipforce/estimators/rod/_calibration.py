@@ -1,4 +1,4 @@
-"""Intervals of the rod estimators: those of the posterior, times what held on sessions apart."""
+"""Intervals of the rod estimators: those of the posterior, times factors from separate sessions."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ _LEAST_STD_N = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Widths:
-    """Factors on how far the 90 % intervals of fx, fy and the magnitude reach to either side; what they rest on.
+    """Factors on how far the 90 % intervals of fx, fy and the magnitude reach to either side, and their basis.
 
     ``strata``: ends of the magnitude's interval by stratum of the force, in units of `_unit_n`; None: ``magnitude``
     holds at every force.
@@ -90,7 +90,7 @@ def _unit_n(width_n: _Width) -> _Width:
 
 
 def _shares(value: FloatArray, interval: FloatArray, truth: FloatArray) -> FloatArray:
-    """(n,): errors of ``value`` (n,) over how far ``interval`` (n, 2) reaches on the side where the truth lies."""
+    """(n,): errors of ``value`` (n,) over how far ``interval`` (n, 2) reaches on the side of the truth."""
     reach = np.where(truth > value, interval[:, 1] - value, value - interval[:, 0])
     return (value - truth) / np.maximum(reach, GAUSS_90 * _LEAST_STD_N)
 

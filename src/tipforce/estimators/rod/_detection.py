@@ -13,7 +13,7 @@ from ._lines import LineFrame
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detected:
-    """A found ``shape``, the ``frame`` in which its line lies, and how far the clamp has been advanced."""
+    """A found ``shape``, the ``frame`` of its line, and the advance of the clamp."""
 
     shape: DetectedShape
     frame: LineFrame
@@ -34,7 +34,7 @@ class Detection:
 
     @property
     def shape(self) -> DetectedShape | None:
-        """Of the last image that was read."""
+        """Shape in the last image that was read."""
         return self._detection.shape
 
     def read(self, observation: Observation) -> Detected | Abstention:

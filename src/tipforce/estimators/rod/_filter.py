@@ -2,8 +2,8 @@
 
 Interacting multiple models (Blom and Bar-Shalom 1988): in each frame either hypothesis starts from both of the frame
 before, weighed by how likely contact is made or lost meanwhile; its update is a fit of the whole rod (an iterated
-extended Kalman filter); their evidence weighs them. What the shape is without contact is thus learnt in the moments
-when nothing but no contact explains it, and the force is zeroed there.
+extended Kalman filter); their evidence weighs them. The shape without contact is thus learnt while only
+the hypothesis without contact explains it, and the force is zeroed there.
 """
 
 import math
@@ -32,13 +32,13 @@ _NOTHING = 1e-12
 """Variance of a force that is none, N^2."""
 _STEPS, _MOST_STEPS = 20, 60
 _WARM_STEPS = (4, 12)
-"""Of the two hypotheses. Where the line says contact, no step makes a rod without force fit: it is given up soon."""
+"""Largest number of steps of the two hypotheses: in contact no step makes a rod without force fit, so few are tried."""
 _FREE, _TOUCH = 0, 1
 _LEAST_SHARE = 1e-6
 """No hypothesis is ever given up."""
 _ONSET_N = 0.01
 _GROWN = 1.5
-"""The session begins anew where the noise has turned out to be so many times larger."""
+"""The session starts again if the noise is found to be larger by this factor."""
 
 
 class ContactFilter:
@@ -251,7 +251,7 @@ class ContactFilter:
         covariance[:, _FORCE] += reach * covariance[:, _RATE]
         covariance[_RATE] *= keep
         covariance[:, _RATE] *= keep
-        # of a rate that is an Ornstein-Uhlenbeck course: what it adds to itself, and to its integral
+        # the rate is an Ornstein-Uhlenbeck process: its variance, and that of its integral, grow
         power = settings.force_rate_n_per_s**2
         tau = settings.force_rate_s
         place = power * (2.0 * tau * elapsed_s - 3.0 * tau**2 + 4.0 * tau**2 * keep - tau**2 * keep**2)
@@ -309,7 +309,7 @@ class ContactFilter:
 
 
 def _open_n(before: FloatArray, after: FloatArray) -> float:
-    """What the image by itself leaves open of the force: largest standard deviation of what it adds to ``before``."""
+    """Returns the largest standard deviation of the force from the image alone: the information added to ``before``."""
     seen = inverse(after)[0] - inverse(before)[0]
     (x, across), (_, y) = seen.tolist()
     least = 0.5 * (x + y) - math.hypot(0.5 * (x - y), across)

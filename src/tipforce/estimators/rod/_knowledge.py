@@ -1,4 +1,4 @@
-"""What the rod estimators know of a session before its images: priors of the unknowns, forces, noise of the line."""
+"""Knowledge of the rod estimators on a session before its images: priors of the unknowns, forces, noise of the line."""
 
 import math
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from ._lines import POINTS
 from ._settings import NoiseSettings, RodSettings
 
 MODES = 6
-"""So many shapes of the error that stays for a session are unknowns of `rod-track`; the rest counts as fresh."""
+"""Number of error shapes of a session that are unknowns of `rod-track`; the rest counts as independent noise."""
 HELD = 1e12
 """Information that holds an unknown, in 1/N^2: to a microlewton."""
 NEEDED = ("catheter.flexible_length_m", "catheter.bending_stiffness_nm2")
@@ -24,9 +24,9 @@ NEEDED = ("catheter.flexible_length_m", "catheter.bending_stiffness_nm2")
 
 _STIFFNESS = UNKNOWNS.index("stiffness") - FORCE
 _STIFFNESS_LEFT_OUT = 0.025
-"""Relative: by which EI differs from what is stated however well it was measured; it creeps and stiffens."""
+"""Relative deviation of EI from its stated value in spite of a good measurement: the shaft creeps and stiffens."""
 _CAMERA_M, _MOST_TILT_DEG = 0.4, 60.0
-"""Usual distance of a camera, for what its tilt does to lengths."""
+"""Usual distance of a camera, for the effect of its tilt on lengths."""
 _PIXELS = 240.0
 """Length of the line in px by which the noise is laid out: of the bench that it was measured on."""
 
@@ -45,9 +45,12 @@ class LineError:
 
     @classmethod
     def of(cls, noise: NoiseSettings, modes: int, level: float = 1.0) -> Self:
-        """``modes``: so many of the lasting errors are unknowns of their own; 0: all are noise.
+        """Makes the noise of a line.
 
-        ``level``: of the errors across the shaft; the tip's own stay as they are stated.
+        Args:
+            noise: its settings.
+            modes: number of lasting errors that are unknowns; 0: all are noise.
+            level: factor on the errors across the shaft; those of the tip stay as stated.
         """
         arc = np.linspace(0.0, _PIXELS, POINTS)
         fresh = LineNoise(
@@ -83,10 +86,10 @@ class LineError:
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """Gaussians of what is unknown: constants of a session (`UNKNOWNS` behind the force), relative to its metadata.
+    """Gaussians of the unknowns: constants of a session (`UNKNOWNS` behind the force), relative to its metadata.
 
-    ``constants`` and ``constants_covariance``; ``contact_share``: of the frames; ``sessions``: so many this was learnt
-    from, 0: it is the settings' own.
+    ``constants`` and ``constants_covariance``; ``contact_share``: of the frames; ``sessions``: number of training
+    sessions, 0: the values of the settings.
     """
 
     constants: FloatArray
@@ -96,7 +99,7 @@ class Knowledge:
 
     @classmethod
     def stated(cls, settings: RodSettings) -> Self:
-        """What the settings state."""
+        """Returns the knowledge that the settings state."""
         prior = settings.prior
         mean = np.zeros(len(UNKNOWNS) - FORCE)
         mean[UNKNOWNS.index("stiffening_m2") - FORCE] = prior.stiffening_m2
@@ -180,7 +183,7 @@ def _scaled(covariance: FloatArray) -> FloatArray:
 def noise_unit_m(model: Model, scale_m_per_px: float) -> float:
     """Metres of one pixel of `LineError`: those of the image, or of the bench of its figures where these are more.
 
-    Errors of a line grow with blur and diameter in pixels, so that a finer image does not tell more.
+    Errors of a line grow with blur and diameter in pixels, so a finer image has no more information.
     """
     return max(scale_m_per_px, (model.flexible_m + model.rigid_m) / _PIXELS)
 

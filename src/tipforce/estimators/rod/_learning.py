@@ -1,8 +1,8 @@
 """Priors of the rod learnt from sessions with forces, by expectation and maximisation over sessions.
 
-Expectation: in each session the force is what the sensor reads, and the constants' posterior follows frame by frame
+Expectation: in each session the force is the reading of the sensor, and the constants' posterior follows frame by frame
 (an iterated extended Kalman filter on the rod). Maximisation: mean and covariance of the constants over the sessions,
-with the settings' prior as so many sessions more (`_WEIGHT`).
+with the settings' prior counted as `_WEIGHT` further sessions.
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,10 @@ from ._lines import POINTS
 from ._settings import RodSettings
 
 _FRAMES = 48
-"""So many frames of each session, from all over it."""
+"""Number of frames of each session, spread over it."""
 _STATED = ("length", "scale", "tilt_x_per_m", "tilt_y_per_m", "distortion_per_m2", "creep")
-"""Constants of which the settings' priors stay: they say how well a bench is measured, and the image hardly tells."""
+"""Constants of which the settings' priors stay: they state how well a bench is measured; the image has little
+information on them."""
 _ROUNDS = 3
 _WEIGHT = 2.0
 _SENSOR_STD_N = 8e-3
@@ -45,7 +46,7 @@ class _Session:
 
 
 def learn(settings: RodSettings, dataset: Dataset, progress: Progress) -> Knowledge:
-    """What the sessions of ``dataset`` teach. Raises InputError where the catheter is found in none of their images."""
+    """Learns the priors from ``dataset``. Raises InputError if the catheter is found in none of its images."""
     if not dataset.known[:2].all():
         raise InputError(f"{dataset.title}: to learn from it the rod needs forces in x and y; state learn=false")
     sessions: list[_Session] = []

@@ -10,7 +10,7 @@ from ...types import CentrelinePx, FloatArray
 from ...vision import INWARD
 
 POINTS = 22
-"""Of the line: one about every ten pixels of a shaft; neighbours' errors are correlated over 14."""
+"""Points of the line: one about every ten pixels of a shaft; neighbours' errors are correlated over 14."""
 
 
 @njit(cache=True, nogil=True)

@@ -1,8 +1,8 @@
 """How much larger than stated a session's line noise is, learnt from how well the rod explains the lines.
 
 The noise of a detected centreline differs between sessions by more than any constant allows: on `generalise` from a
-third of what is stated to ten times as much (blur, light, what lies behind the shaft, stretches that are hidden). Taken
-too small it is explained by forces and constants instead, and the answers are wrong and sure.
+third of the stated value to ten times as much (blur, light, background, hidden stretches). If the level is too small,
+forces and constants explain the noise instead: the estimates are then wrong, with narrow intervals.
 """
 
 import math
@@ -13,7 +13,7 @@ _USUAL_MISFIT = 0.15
 """Mean square misfit up to which the noise is as stated: 0.07 to 0.2 in sessions of `bench-2021`, whose errors last
 longer than their model says, so that the stated ones are large."""
 _CLIP = 6.0
-"""A frame counts with at most so many times the variance so far: an outlier is not the level."""
+"""Largest ratio of a frame's variance to the previous one with which it counts: an outlier is not the level."""
 
 
 class NoiseLevel:
@@ -45,6 +45,6 @@ def noisier(level: float, misfit: float) -> float:
 
 
 def _in_steps(level: float) -> float:
-    """Of a twentieth: the noise is laid out anew at each."""
+    """Returns the level in steps of a twentieth: the noise is computed again at each step."""
     step = math.log(1.05)
     return math.exp(step * round(math.log(level) / step))

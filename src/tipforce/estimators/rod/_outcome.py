@@ -1,4 +1,4 @@
-"""What one line says of the force, and when that is no answer."""
+"""Force from one line, and the reasons for an abstention."""
 
 from typing import NamedTuple
 
@@ -24,9 +24,9 @@ class Outcome(NamedTuple):
     """The fits of one line. ``force_n`` (2,), ``covariance_n2`` (2, 2), both in contact; ``log_odds`` of contact.
 
     ``angle_rad``: of the tip's axis; ``misfit``: mean square, of the better hypothesis, in the noise's variances;
-    ``firmness``: see `Found`; ``open_n``: standard deviation of what the image alone leaves open of the force, with the
-    constants as they are known by now; ``off``: distance of the session's constants from what is known of them
-    beforehand, mean square in the priors' variances; ``level``: of the line's noise, in what is stated.
+    ``firmness``: see `Found`; ``open_n``: standard deviation of the force from the image alone, with the present
+    constants; ``off``: distance of the session's constants from their priors, mean square in the priors' variances;
+    ``level``: level of the line's noise relative to the stated one.
     """
 
     force_n: FloatArray
@@ -42,7 +42,7 @@ class Outcome(NamedTuple):
 
 
 def tempered(evidence: float, covariance: FloatArray, sure_n: float) -> float:
-    """Evidence of contact over none, as logarithm. What speaks against contact counts less where the force is open.
+    """Returns the log evidence of contact over none. Evidence against contact counts less where the force is uncertain.
 
     A push along the axis of a straight shaft looks like none: taken for none it would teach wrong constants.
     ``covariance`` (2, 2) of the force in contact; ``sure_n``: see `RodSettings`.
@@ -95,7 +95,7 @@ def unfit(settings: RodSettings, outcome: Outcome) -> Abstention | None:
     if outcome.off > settings.max_off:
         return Abstention(
             Status.OUT_OF_DISTRIBUTION,
-            f"rod, clamp and camera would have to be unlike what is stated: mean square {outcome.off:.0f} of their "
+            f"rod, clamp and camera must differ from the stated values: mean square {outcome.off:.0f} of their "
             f"priors' variances, the limit is max_off = {settings.max_off:g}",
         )
     return None

@@ -1,4 +1,4 @@
-"""From fits with and without contact to one force: what the tissue can do, and how likely it touches at all.
+"""From fits with and without contact to one force: the force prior of the tissue, and the probability of contact.
 
 The fit of contact is a Gaussian: likelihood times the Gaussian prior that it was fitted with. It is weighed anew, point
 by point, with the prior that is meant: forces push at the tip, and their magnitude has a heavy tail (Student), so that
@@ -15,21 +15,21 @@ from ...types import FloatArray
 
 _ALONG = 61
 _REACH = 4.0
-"""Points along the long axis of the fitted Gaussian, within so many of its standard deviations."""
+"""The points along the long axis of the fitted Gaussian are within this number of standard deviations."""
 _ACROSS = np.array([-math.sqrt(3.0), 0.0, math.sqrt(3.0)])
 _ACROSS_SHARE = np.array([1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0])
 """Across it: Gauss-Hermite, exact for the first five moments."""
 _NONE_PUSHES = -0.5 * _REACH**2
 """Logarithm of the share of pushing forces where no point pushes: at most."""
 _TAIL = 0.05
-"""Of the 90 % intervals, on either side."""
+"""Share outside of the 90 % intervals, on either side."""
 
 
 class ForcePrior(NamedTuple):
-    """Of the force in contact. ``fitted_n``: standard deviation of each component in the fit (Gaussian about 0).
+    """Prior of the force in contact. ``fitted_n``: standard deviation of each component in the fit (Gaussian about 0).
 
-    What is meant instead: a bivariate Student distribution with ``scale_n`` and ``freedom`` degrees of freedom, of
-    which only the forces that push at the tip are left.
+    The fit replaces the true prior: a bivariate Student distribution with ``scale_n`` and ``freedom`` degrees of
+    freedom, of which only the forces that push at the tip are left.
     """
 
     fitted_n: float

@@ -1,4 +1,4 @@
-"""Settings of the rod estimators: what is known of a session beforehand, as standard deviations; when to abstain."""
+"""Settings of the rod estimators: prior knowledge of a session as standard deviations, and limits of abstention."""
 
 from typing import Annotated
 
@@ -13,7 +13,7 @@ _FROZEN = ConfigDict(frozen=True, extra="forbid")
 
 
 class PriorSettings(BaseModel):
-    """What is known of a session before its first image; each a Gaussian about what the session metadata state.
+    """Priors of a session before its first image; each is a Gaussian about the value in the session metadata.
 
     The metadata may state how well they are known: then that holds for stiffness, length, scale and tilt in place of
     the values here, which are those of a bench of which nothing is said.
@@ -22,7 +22,7 @@ class PriorSettings(BaseModel):
     model_config = _FROZEN
 
     force_n: _Std = 0.25
-    """Of each component of the force in contact, where the rod is fitted."""
+    """Each component of the force in contact, in the fit of the rod."""
     force_scale_n: _Std = 0.12
     """Scale of the force's distribution in contact, a bivariate Student's. Forces that pull at the tip are excluded."""
     force_freedom: _Std = 3.0
@@ -39,23 +39,23 @@ class PriorSettings(BaseModel):
     length: _Share = 0.02
     """Relative, of the flexible length."""
     scale: _Share = 0.02
-    """Relative, of the metres a pixel stands for."""
+    """Scale of the image (metres of a pixel), relative."""
     knob_gain: _Share = 0.02
     """Relative, of the curvature that the knob asks for."""
     knob_play_deg: Annotated[float, Field(ge=0, le=90)] = 1.0
     """Backlash of the knob: the curvature may belong to any angle within half of this."""
     precurvature_per_m: _Std = 0.1
-    """Of the curvature without load beside what the knob asks for."""
+    """Curvature without load, besides that of the knob."""
     unknown_precurvature_per_m: _Std = 10.0
     """The same where there is no knob, or no map for it."""
     base_position_m: _Std = 0.01
-    """Of the clamp, from where the shaft enters the image."""
+    """Position of the clamp, from where the shaft enters the image."""
     base_angle_deg: _Std = 1.5
-    """Of the clamp's tangent, from the perpendicular to the border that the shaft comes from."""
+    """Direction of the clamp's tangent, from the perpendicular to the border that the shaft comes from."""
     tilt_per_m: _Std = 0.15
-    """Of the camera, each way: tangent of the angle over the camera's distance."""
+    """Tilt of the camera, each way: tangent of the angle over the camera's distance."""
     distortion_per_m2: _Std = 0.3
-    """Of the lens, radial: k1 over the square of the camera's distance."""
+    """Radial distortion of the lens: k1 over the square of the camera's distance."""
     creep: Annotated[float, Field(ge=0, lt=0.5)] = 0.02
     """Share by which the bend grows under a steady force; a polymer shaft has some percent."""
     creep_std: _Share = 0.02
@@ -74,19 +74,19 @@ class NoiseSettings(BaseModel):
     """Across the line, new in each frame."""
     fresh_tip_px: _Std = 0.4
     fresh_along_px: _Std = 1.0
-    """Of the tip along the line."""
+    """Error of the tip along the line."""
     lasting_px: _Std = 0.05
     """The same that stay for a session."""
     lasting_tip_px: _Std = 0.25
     lasting_along_px: _Std = 1.5
     factor: Annotated[float, Field(ge=0.1, le=100)] = 1.2
-    """All of them times this: what the planar rod leaves out (depth, creep) shows as noise."""
+    """Factor on all of them: effects that the planar rod lacks (depth, creep) appear as noise."""
     max_level: Annotated[float, Field(ge=1, le=100)] = 10.0
-    """Noise across the line may be so many times larger than stated: the session tells. Beyond it, abstains."""
+    """Largest ratio of the noise across the line, found in the session, to the stated one. Beyond it, abstains."""
     level_s: _Std = 5.0
     """How long the level of the noise is remembered (`rod-track`)."""
     level_frames: _Std = 5.0
-    """The stated level counts as so many frames."""
+    """Weight of the stated level, in frames."""
 
 
 class RodSettings(BaseModel):
@@ -98,12 +98,12 @@ class RodSettings(BaseModel):
     prior: PriorSettings = PriorSettings()
     noise: NoiseSettings = NoiseSettings()
     learn: bool = True
-    """Whether `fit` learns priors from sessions with forces: stiffness, knob, clamp, camera, noise and what forces
-    occur. Without it the settings hold."""
+    """Whether `fit` learns priors from sessions with forces: stiffness, knob, clamp, camera, noise and the
+    distribution of forces. Without it the settings hold."""
     huber: _Std = 4.0
-    """Misfits count with their square up to so many standard deviations, then with their size."""
+    """Number of standard deviations up to which misfits count with their square; beyond it, with their size."""
     segments: Annotated[int, Field(ge=8, le=400)] = 40
-    """Of the flexible length."""
+    """Number of segments of the flexible length."""
     max_misfit: _Std = 2.0
     """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
     max_off: _Std = 2.1
@@ -142,17 +142,17 @@ class RodTrackSettings(RodSettings):
     """Standard deviation of the time between an image and the reading of the clamp's advance that belongs to it."""
     constants_s: _Std = 20.0
     """How long stiffness, length, scale, camera and creep are remembered: the line's errors stay alike from frame to
-    frame, so that many frames tell less of them than independent ones would."""
+    frame, so that many frames have less information on them than independent ones."""
     line_error_s: _Std = 10.0
-    """How long the lasting error of the line stays: what a planar rod leaves out changes with the load."""
+    """How long the lasting error of the line stays: effects that a planar rod lacks change with the load."""
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""
     sure_n: _Std = 0.1
     max_off: _Std = 5.0
     """As of `RodSettings`; more is usual than by chance, since the line's errors last longer than their model says."""
     min_explained: Annotated[float, Field(ge=0, le=1)] = 0.8
-    """Abstains where the rod explained a smaller share of the frames so far, remembered for ``explained_s``: what is
-    followed is something else, and a line among many that fits does so by chance."""
+    """Abstains where the rod explained a smaller share of the recent frames (time constant ``explained_s``): the
+    detected object is then another one, and a single line fits by chance."""
     explained_s: _Std = 2.0
     gap_s: _Std = 1.0
     """After so long without a frame nothing is known of the force."""

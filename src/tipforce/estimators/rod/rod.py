@@ -43,7 +43,7 @@ class _Fitted:
 
 
 class RodEstimator(CentrelineEstimator):
-    """What `rod` and `rod-track` share: everything but the stream. ``fitted_`` holds the settings' own before `fit`."""
+    """Base class of `rod` and `rod-track`, without the stream. Before `fit`, ``fitted_`` holds the settings' own."""
 
     settings_type = RodSettings
     settings: RodSettings
@@ -97,7 +97,7 @@ class RodEstimator(CentrelineEstimator):
         return made
 
     def describe(self) -> RodFacts:
-        """Returns the priors of the constants, and what the intervals rest on."""
+        """Returns the priors of the constants, and the basis of the intervals."""
         knowledge, widths = self.fitted_.knowledge, self.fitted_.widths
         std = np.sqrt(np.diag(knowledge.constants_covariance))
         names = UNKNOWNS[FORCE:]
@@ -149,7 +149,7 @@ class RodStream:
         return estimate_of(self._settings, self._widths, stamp, found, shape)
 
     def fit(self, detected: Detected, knob_deg: float) -> Outcome | Abstention:
-        """What the line says of the force, or why nothing."""
+        """Returns the force from the line, or the reason why there is none."""
         if abstention := actuation_out_of_range(self._settings, self._info, knob_deg):
             return abstention
         mean, covariance = self._knowledge.for_session(self._settings, self._info, knob_deg)
@@ -169,7 +169,7 @@ def actuation_out_of_range(settings: RodSettings, info: SessionInfo, knob_deg: f
 
 
 class ContactFit:
-    """The two fits of one line, and what is made of them."""
+    """The two fits of one line, and their joint result."""
 
     def __init__(self, settings: RodSettings, knowledge: Knowledge, model: Any) -> None:
         self._settings, self._knowledge, self._model = settings, knowledge, model
@@ -186,7 +186,7 @@ class ContactFit:
         self._whiten = np.empty(0)
 
     def solve(self, line: Line, scale: float, mean: FloatArray, covariance: FloatArray) -> Outcome:
-        """What ``line`` says of the force. ``mean``, ``covariance``: of the session's constants.
+        """Returns the force from ``line``. ``mean``, ``covariance``: Gaussian of the session's constants.
 
         A line that the rod explains badly is fitted again with as much more noise as it shows.
         """
@@ -234,7 +234,7 @@ class ContactFit:
         assert best is not None
         misfit = min(best.chi2, without.chi2) / (POINTS + 1)
         self._last = q if best.converged and misfit <= self._settings.max_misfit else None
-        # what the image adds to the prior
+        # information of the image, without the prior
         seen = np.linalg.eigvalsh(np.linalg.inv(spread) - self._force_information) if best.converged else np.zeros(2)
         share = self._knowledge.contact_share
         evidence = log_ratio + (without.cost - best.cost) + 0.5 * (without.log_det - best.log_det)

@@ -44,7 +44,7 @@ class RodTrack(RodEstimator):
 
 
 class RodTrackStream:
-    """One session, frame after frame, by their stamps: a late frame is refused, a gap widens what is not known."""
+    """Estimates one session, frame after frame: a late frame is refused, a gap increases the uncertainty."""
 
     def __init__(
         self,
@@ -83,8 +83,8 @@ class RodTrackStream:
             return ForceEstimate.invalid(
                 stamp,
                 Status.OUT_OF_DISTRIBUTION,
-                f"the rod explains {self._explained.value:.0%} of the frames so far, fewer than min_explained = "
-                f"{self._settings.min_explained:.0%}: look with `tipforce inspect` at what is detected",
+                f"the rod explains {self._explained.value:.0%} of the recent frames, fewer than min_explained = "
+                f"{self._settings.min_explained:.0%}: look at the detected object with `tipforce inspect`",
                 shape,
             )
         return estimate

@@ -11,8 +11,8 @@ STATIONS = 8
 """Points of the centreline that a model is compared with, uniform in arc length, the tip last."""
 
 _STEP_N = 1e-6
-"""For derivatives by differences: so small that the bend of the curve plays no part beside weak directions, and far
-above what the models' own iterations leave."""
+"""Step of derivatives by differences: so small that the curvature has no effect on weak directions, and far above the
+residual of the models' own iterations."""
 _STUCK_N = 1e-4
 """Where no step is better and the last one tried was shorter, it is rounding that is in the way."""
 _MAX_STEP_N = 0.1

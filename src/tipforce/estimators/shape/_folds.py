@@ -8,7 +8,7 @@ from ...types import IntArray
 from ._settings import ShapeRegressorSettings
 
 MIN_SESSIONS = 3
-"""Least number of sessions at which whole sessions are held out instead of shuffled samples."""
+"""Smallest number of sessions at which whole sessions are held out instead of shuffled samples."""
 
 MAX_GROUPS = 10
 """Largest number of groups of sessions; with more sessions a group has several."""
@@ -28,7 +28,7 @@ def make_folds(session: npt.NDArray[np.str_], settings: ShapeRegressorSettings) 
         The positions that train and that test for each fold, and whether whole sessions are held out.
 
     Raises:
-        InputError: sessions shall be held out, and there is only one.
+        InputError: whole sessions must be held out, and there is only one.
     """
     folds, seed = settings.folds, settings.seed
     draw = np.random.default_rng(seed)
@@ -48,7 +48,13 @@ def make_folds(session: npt.NDArray[np.str_], settings: ShapeRegressorSettings) 
 
 
 def draw_samples(count: int, most: int | None, seed: int) -> IntArray:
-    """Returns the positions, in order, of at most ``most`` of ``count`` samples, drawn with ``seed``; None: of all."""
+    """Returns the positions, in order, of samples drawn at random.
+
+    Args:
+        count: number of samples.
+        most: largest number to draw; None: all.
+        seed: seed of the draw.
+    """
     if most is None or count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))

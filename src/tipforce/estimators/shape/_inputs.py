@@ -1,4 +1,4 @@
-"""From an observation to the numbers a regression works on: shape, then actuation."""
+"""Converts an observation to the inputs of a regression: shape numbers, then actuation."""
 
 from collections.abc import Sequence
 
@@ -15,10 +15,13 @@ _CURVE_POINTS = 65
 
 
 class Inputs:
-    """Reads observations; one for each session, because `SessionDetector` belongs to one.
+    """Reads the observations of one session.
 
-    ``actuation``: the names wanted, in order. ``detector``: of that session. ``shape``: names that ready-made shape
-    numbers must have, in order; None while training.
+    Args:
+        settings: settings of the regression.
+        actuation: names of the actuation, in order.
+        detector: detector of the session.
+        shape: names that ready-made shape numbers must have, in order; None while training.
     """
 
     def __init__(
@@ -38,13 +41,13 @@ class Inputs:
         self._wanted = None if shape is None else tuple(shape)
 
     def names(self, view: Image | ShapeFeatures) -> tuple[str, ...]:
-        """Names of the shape numbers that ``view`` yields, the angle series after the others."""
+        """Returns the names of the shape numbers of ``view``; the angle series comes after the others."""
         first = view.names if isinstance(view, ShapeFeatures) else feature_names(self._settings.features)
         extra = () if self._angles is None else tuple(f"angle {name}" for name in feature_names(self._angles))
         return (*first, *extra)
 
     def read(self, observation: Observation) -> FloatArray | Abstention:
-        """(k,) shape numbers and actuation, or why there are none."""
+        """Returns (k,) shape numbers and actuation, or the reason why there are none."""
         self.shape = None
         view = read_view(observation, self._view, "vision.view")
         if isinstance(view, Abstention):
@@ -85,10 +88,18 @@ class Inputs:
 
 
 def angles_of_polynomial(coefficients: FloatArray, features: ShapeFeatureSettings, angles: AngleSettings) -> FloatArray:
-    """(degree + 1,) series in rad of the curve y(x) with ``coefficients``, highest power first, as ``features`` says.
+    """Returns the angle series of a curve that is given as a polynomial.
 
-    The curve is followed from x = 0 over the arc length that ``angles`` states. Raises InputError where the settings
-    do not describe the coefficients.
+    Args:
+        coefficients: coefficients of y(x), highest power first.
+        features: settings of the polynomial.
+        angles: settings of the series; its ``length`` is the arc length from x = 0.
+
+    Returns:
+        (degree + 1,) series in rad.
+
+    Raises:
+        InputError: the settings do not describe the coefficients.
     """
     wanted = features.degree + features.constant
     if features.kind != "polynomial" or len(coefficients) != wanted:

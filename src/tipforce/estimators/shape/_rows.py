@@ -1,4 +1,4 @@
-"""From a dataset to the table that a regression learns from."""
+"""Gathers the table that a regression learns from."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ class Rows:
     vision: ResolvedVision | None
 
     def at(self, index: IntArray) -> "Rows":
-        """Only the rows at ``index``."""
+        """Returns only the rows at ``index``."""
         return replace(
             self,
             features=self.features[index],
@@ -59,7 +59,7 @@ def gather_rows(
     """Gathers features and labels of the samples of ``dataset`` whose shape is known.
 
     Args:
-        settings: of the detection and the features.
+        settings: settings of the detection and the features.
         actuation: names of the drives among the features.
         dataset: the samples.
         report: called with the share that is done.
@@ -131,7 +131,7 @@ def gather_rows(
 
 
 def _needed(settings: ShapeRegressorSettings, dataset: Dataset, source: Dataset) -> BoolArray:
-    """(len(source),): the samples of ``dataset`` and the frames before them that the window reaches."""
+    """Returns (len(source),) True for the samples of ``dataset`` and the earlier frames that the window needs."""
     own = np.isin(source.rows, dataset.rows)
     if not settings.window.used:
         return own
@@ -148,7 +148,7 @@ def _needed(settings: ShapeRegressorSettings, dataset: Dataset, source: Dataset)
 
 
 def _targets(settings: ShapeRegressorSettings, dataset: Dataset) -> FloatArray:
-    """(n, t) newtons: the known components, or the magnitude."""
+    """Returns (n, t) newtons: the known components, or the magnitude."""
     force = dataset.force_n[:, dataset.known] if settings.force == "components" else dataset.magnitude_n[:, None]
     if not np.isfinite(force).all():
         raise InputError(f"{dataset.title}: some samples have no force; leave them out")
@@ -156,7 +156,7 @@ def _targets(settings: ShapeRegressorSettings, dataset: Dataset) -> FloatArray:
 
 
 def _averaged(values: FloatArray, dataset: Dataset, width_ms: float) -> FloatArray:
-    """Mean of the labels of ``dataset`` itself within half of ``width_ms`` before and after each sample."""
+    """Returns the mean of the labels of ``dataset`` within half of ``width_ms`` before and after each sample."""
     half = round(width_ms * 0.5e6)
     out = np.empty_like(values)
     for name in dataset.sessions:
@@ -170,7 +170,7 @@ def _averaged(values: FloatArray, dataset: Dataset, width_ms: float) -> FloatArr
 
 
 def warn_of_sizes(dataset: Dataset, view: str) -> None:
-    """Says where sessions differ in the size of their images: shape numbers are in pixels."""
+    """Warns where sessions differ in the size of their images, because shape numbers are in pixels."""
     _, first = np.unique(dataset.session, return_index=True)
     found: dict[tuple[int, ...], str] = {}
     part = dataset.subset(np.sort(first))

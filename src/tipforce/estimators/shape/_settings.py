@@ -11,7 +11,7 @@ _Milliseconds = Annotated[float, Field(ge=0, le=3_600_000)]
 
 
 class AngleSettings(BaseModel):
-    """A series of the tangent angle over arc length beside the polynomial; moments change it in proportion."""
+    """A series of the tangent angle over the arc length, besides the polynomial; moments change it in proportion."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -22,25 +22,26 @@ class AngleSettings(BaseModel):
 
 
 class WindowSettings(BaseModel):
-    """Which earlier frames of the same session are looked at too. Times, so that a lost frame shifts nothing."""
+    """Earlier frames of the session that are used too, by their age in time: a lost frame shifts none of them."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     lags_ms: Annotated[tuple[_Milliseconds, ...], Field(min_length=1, max_length=100)] = (0.0,)
-    """The newest frame at least so old, for each; the oldest one since the start or a gap where there is none."""
+    """For each lag, the newest frame that is at least this old is used; without one, the oldest since the start or a
+    gap."""
     average_ms: _Milliseconds = 0.0
-    """Each is the mean over the frames of so long before it: against the curve's noise, at the price of a delay."""
+    """Each is the mean over the frames of this time before it: it reduces the noise and adds a delay."""
     gap_ms: Annotated[float, Field(gt=0, le=3_600_000)] = 500.0
-    """After so long without a frame the past is forgotten."""
+    """After this time without a frame the history is cleared."""
 
     @property
     def reach_ns(self) -> int:
-        """How far back a frame may matter."""
+        """Age of the oldest frame that is used."""
         return round((max(self.lags_ms) + self.average_ms) * 1e6)
 
     @property
     def used(self) -> bool:
-        """False where only the frame itself counts."""
+        """False where only the current frame is used."""
         return self.reach_ns > 0 or len(self.lags_ms) > 1
 
 
@@ -56,8 +57,8 @@ class ShapeRegressorSettings(BaseModel):
     features: ShapeFeatureSettings = ShapeFeatureSettings()
     """The shape's numbers: five coefficients of a polynomial of degree 4 (thesis eq. 2)."""
     actuation: tuple[str, ...] | None = None
-    """Names of the actuation values used; None: all that the training data have. The thesis has the knob alone; a drive
-    that is left out may move without notice."""
+    """Names of the actuation values used; None: all of the training data. The thesis has the knob alone; a drive
+    that is left out may move without effect on the estimate."""
     force: Literal["magnitude", "components"] = "components"
     """One number, or one for each measured component."""
     angles: AngleSettings | None = None
@@ -65,14 +66,15 @@ class ShapeRegressorSettings(BaseModel):
     window: WindowSettings = WindowSettings()
     """Earlier frames as further features."""
     label_average_ms: _Milliseconds = 0.0
-    """Labels to learn from are means over so long around each sample, against the sensor's noise. Never those that
-    errors are measured on."""
+    """Labels to learn from are means over this time around each sample, to reduce the noise of the sensor. Errors are
+    always measured on the original labels."""
     folds: Annotated[int, Field(ge=2, le=1000)] = 5
     """Folds of the cross-validation, where samples are shuffled."""
     hold_out: Literal["auto", "session", "sample"] = "auto"
-    """Each fold holds out whole `session`s (each alone up to ten, else in ten groups), for a model that is to work on
-    new ones; shuffled `sample`s for one that is to work within those it has seen. `auto`: sessions from three on."""
+    """Each fold holds out whole `session`s (each alone up to ten, else in ten groups), for a model that is used on new
+    sessions; or shuffled `sample`s for one that is used within its training sessions. `auto`: sessions from three
+    on."""
     training_samples: Annotated[int, Field(ge=20, le=1_000_000)] | None = None
-    """Largest number of samples to learn from, drawn with ``seed``; neighbouring frames say the same."""
+    """Largest number of samples to learn from, drawn with ``seed``; neighbouring frames are nearly the same."""
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
     """Seed of the drawn samples and the shuffled folds."""

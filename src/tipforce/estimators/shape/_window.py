@@ -9,7 +9,7 @@ from ._settings import WindowSettings
 
 
 class Window:
-    """Rows (k,) in, rows (k * lags,) out, the newest lag first as listed in the settings."""
+    """Converts rows (k,) to rows (k * lags,), in the order of the lags in the settings."""
 
     def __init__(self, settings: WindowSettings) -> None:
         self._lags_ns = [round(lag * 1e6) for lag in settings.lags_ms]
@@ -19,7 +19,7 @@ class Window:
         self._past: deque[tuple[int, FloatArray]] = deque()
 
     def push(self, stamp_ns: int, row: FloatArray) -> FloatArray:
-        """The window that ends with ``row``; its past is forgotten after a gap, or where time runs backwards.
+        """Returns the window that ends with ``row``; its history is cleared after a gap, or if the time decreases.
 
         >>> window = Window(WindowSettings(lags_ms=(0, 20)))
         >>> [window.push(t * 10_000_000, np.array([float(t)])).tolist() for t in range(4)]
@@ -29,7 +29,7 @@ class Window:
         if past and not 0 < stamp_ns - past[-1][0] <= self._gap_ns:
             past.clear()
         past.append((stamp_ns, row))
-        # one frame older than the reach stays: it is the newest at least that old
+        # one frame that is older than the reach is kept: it is the newest that is at least that old
         while len(past) > 1 and past[1][0] <= stamp_ns - self._reach_ns:
             past.popleft()
         return np.concatenate([self._at(stamp_ns - lag) for lag in self._lags_ns])

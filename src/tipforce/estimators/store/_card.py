@@ -1,4 +1,4 @@
-"""The model card: the facts that a person needs before using a model."""
+"""The model card: facts that a person needs before using a model."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -30,7 +30,7 @@ def model_card(estimator: Estimator, manifest: Mapping[str, Any]) -> str:
         ),
         "",
         *(
-            ("All of it was simulated: the model knows the simulated bench, and no real one was ever shown to it.", "")
+            ("All of it was simulated: the model knows only the simulated bench, and no image of a real one.", "")
             if training["simulated"]
             else ()
         ),
@@ -48,24 +48,24 @@ def model_card(estimator: Estimator, manifest: Mapping[str, Any]) -> str:
         "",
         f"{inputs}Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}.",
         "",
-        "## How well",
+        "## Accuracy",
         "",
         *summary.performance,
         "",
         basis if facts.interval_basis else "The method states no intervals.",
     ]
     if manifest["metrics"]:
-        lines += ["", "Measured on samples held out of everything:", ""]
+        lines += ["", "Measured on samples that were not used for training:", ""]
         figures = manifest["metrics"].items()
         lines += [f"- {name}: {f'{value:.4g}' if isinstance(value, float) else value}" for name, value in figures]
     versions = ", ".join(f"{name} {number}" for name, number in manifest["versions"].items())
     lines += [
         "",
-        "## Where it does not hold",
+        "## Limits",
         "",
         (
-            "Another catheter, another camera view, forces or bends beyond those above: nothing was learnt there. "
-            "A frame that cannot be answered is answered with its reason, never with an old number."
+            "Another catheter, another camera view, larger forces or stronger bends than above: there the model has no "
+            "training data. For a frame without an estimate the output states the reason, never an old number."
         ),
         "",
         "## Made with",
@@ -93,9 +93,9 @@ def _calibrated(training: Mapping[str, Any]) -> str:
     return "" if on is None else f", {count_of(len(on['sessions']), 'session')} of {on['title']}"
 
 
-def _listed(names: list[str], most: int = 10) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+def _listed(names: list[str], max_names: int = 10) -> str:
+    more = f" and {len(names) - max_names} more" if len(names) > max_names else ""
+    return ", ".join(names[:max_names]) + more
 
 
 def _axes(frame: str | list[str]) -> str:
@@ -110,7 +110,7 @@ def _samples_text(samples: int, facts: ModelFacts) -> str:
 
 
 def training_lines(estimator: Estimator, manifest: Mapping[str, Any]) -> list[str]:
-    """Returns lines for a person who has just trained a model.
+    """Returns the lines that are printed after a training.
 
     Args:
         estimator: the fitted method.

@@ -1,11 +1,11 @@
-"""Models that come with the program, under the word ``pretrained/NAME``."""
+"""Models that come with the program, named ``pretrained/NAME``."""
 
 from pathlib import Path
 
 from ...errors import ModelError
 
 PRETRAINED = Path(__file__).parents[1] / "pretrained"
-"""Holds a model folder for each, as the store writes them."""
+"""Folder with one model folder for each, in the format of the store."""
 
 
 def pretrained_names() -> tuple[str, ...]:
@@ -14,7 +14,7 @@ def pretrained_names() -> tuple[str, ...]:
 
 
 def pretrained_folder(name: str) -> Path:
-    """The model folder of a pretrained model. Raises ModelError for a name that is none."""
+    """Returns the model folder of a pretrained model. Raises ModelError for an unknown name."""
     names = pretrained_names()
     if name not in names:
         there = ", ".join(f"pretrained/{each}" for each in names) or "none"
@@ -23,9 +23,10 @@ def pretrained_folder(name: str) -> Path:
 
 
 def located(model: str | Path) -> Path:
-    """The folder that a person means: ``model`` itself, or the one of ``pretrained/NAME`` where that is no folder.
+    """Returns the folder of a model: ``model`` itself, or that of ``pretrained/NAME`` if there is no such folder here.
 
-    Raises ModelError for a pretrained model that there is not.
+    Raises:
+        ModelError: there is no pretrained model of this name.
 
     >>> located("models/svr").as_posix()
     'models/svr'

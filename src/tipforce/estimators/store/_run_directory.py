@@ -14,10 +14,15 @@ from ._store import MANIFEST, load_model
 
 
 def load_initial_model(method: Estimator, start: str | None, *, resume: bool = False) -> FineTunable | None:
-    """The model that training is to begin with: the folder ``start``, None where that is None.
+    """Returns the model that a training starts from.
 
-    ``start`` may be "pretrained": the one of that method that comes with the program.
-    Raises InputError where ``method`` is no network, or the model is of another method.
+    Args:
+        method: the method to train.
+        start: folder of the model, or "pretrained" for the one of that method that comes with the program; None: none.
+        resume: whether the training continues from a checkpoint.
+
+    Raises:
+        InputError: ``method`` is no network, or the model is of another method.
     """
     if (start is not None or resume) and not isinstance(method, FineTunable):
         option = "resume" if resume else "init_from"
@@ -31,7 +36,7 @@ def load_initial_model(method: Estimator, start: str | None, *, resume: bool = F
 
 
 def initial_model_folder(method: Estimator, start: str) -> str:
-    """Returns the folder that ``start`` names: "pretrained" is the model of that method that comes with the program."""
+    """Returns the folder for ``start``: "pretrained" is the model of that method that comes with the program."""
     return f"pretrained/{method.name}" if start == "pretrained" and not (Path(start) / MANIFEST).is_file() else start
 
 
@@ -40,12 +45,19 @@ _RESUME = "go on with it by resume=True"
 
 @contextmanager
 def run_directory(method: Estimator, model: Path, *, resume: bool, advice: str = _RESUME) -> Generator[Path | None]:
-    """The folder MODEL.training beside ``model``, for prepared images, checkpoint and log; None for other methods.
+    """Yields the folder MODEL.training, for prepared images, checkpoint and log; None for other methods.
 
-    It is removed when the block ends well. An error or a kill leaves it to be resumed once there is a
-    checkpoint. Raises InputError where it is there already and ``resume`` is False, or is not and it is True, and
-    where it holds anything that no training left there.
-    ``advice``: how to go on, for the warning that the folder is kept; empty: no warning.
+    It is removed when the block ends without an error. After an error or a kill it is kept if it has a checkpoint.
+
+    Args:
+        method: the method to train.
+        model: the model folder.
+        resume: continue the training in the folder.
+        advice: the next step, for the warning that the folder is kept; empty: no warning.
+
+    Raises:
+        InputError: the folder exists and ``resume`` is False, or the reverse, or it contains other files than those of
+            a training.
     """
     if not isinstance(method, FineTunable):
         yield None
@@ -60,7 +72,7 @@ def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Gene
         raise InputError(f"there is nothing to resume: {folder} does not exist; leave out resume=True")
     if not resume and training_started(model):
         raise InputError(
-            f"{folder}: holds a training that was not finished; go on with it by resume=True, or remove the folder"
+            f"{folder}: holds a training that was not finished; continue it with resume=True, or remove the folder"
         )
     there = list(folder.iterdir()) if folder.is_dir() else []
     unexpected = [
@@ -68,8 +80,8 @@ def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Gene
     ]
     if unexpected:
         raise InputError(
-            f"{folder}: is where the training would work, and holds other things ({min(unexpected)}); choose another "
-            "name for the model, or move the folder"
+            f"{folder}: is the run directory of this training, but it holds other things ({min(unexpected)}); choose "
+            "another name for the model, or move the folder"
         )
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -84,7 +96,7 @@ def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Gene
 
 
 def training_started(model: Path) -> bool:
-    """Whether a training of ``model`` was cut off and left a checkpoint to go on from."""
+    """Whether a training of ``model`` was interrupted and left a checkpoint."""
     return (_folder(model) / CHECKPOINT_FILE).is_file()
 
 

@@ -1,6 +1,6 @@
 """The model store: a folder with ``model.json``, ``arrays.npz``, a model card and the method's own files.
 
-It is written whole or not at all. Every file but the card, which people may add to, is held to its SHA-256.
+It is written whole or not at all. The SHA-256 of every file is checked, except for the card, which people may edit.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ FORMAT_VERSION = 2
 """Version of the model folder's format; other versions are not read."""
 
 MAX_MANIFEST_BYTES, MAX_FILE_BYTES = 64 << 20, 1 << 30
-"""Longest ``model.json``, and longest of the other files; those that come with the program have 0.3 and 22 MB."""
+"""Largest ``model.json``, and largest of the other files; those that come with the program have 0.3 and 22 MB."""
 
 MANIFEST, ARRAYS, CARD = "model.json", "arrays.npz", "README.md"
 _OBJECTS = ("settings", "state", "sha256", "training", "facts")
@@ -46,12 +46,23 @@ def save_model(
     calibration: Dataset | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Write the fitted ``estimator`` as a model folder; returns it.
+    """Writes a fitted method as a model folder, whole or not at all.
 
-    ``training``: the samples that it was fitted on, ``calibration``: the sessions apart that its intervals were found
-    on, for the manifest. ``metrics``: figures to keep with it, JSON values. Written beside ``folder`` and renamed:
-    never half there. Raises InputError where ``folder`` exists (unless ``overwrite``,
-    and then only a model is replaced), NotFittedError, and ModelError where the method refuses to be saved.
+    Args:
+        estimator: the fitted method.
+        folder: the folder.
+        training: the samples that it was fitted on, for the manifest.
+        metrics: figures to keep with it, JSON values.
+        calibration: the separate sessions of its intervals, for the manifest.
+        overwrite: whether an existing model is replaced; other folders never are.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: ``folder`` exists and may not be replaced.
+        NotFittedError: the method is not fitted.
+        ModelError: the method cannot be saved.
     """
     folder = Path(folder)
     check_target(folder, overwrite=overwrite)
@@ -74,7 +85,15 @@ def save_model(
 
 
 def check_target(folder: str | Path, *, overwrite: bool = False) -> None:
-    """Raises InputError where a model cannot be written to ``folder``: ask before training for minutes."""
+    """Checks whether a model can be written, before a training of minutes.
+
+    Args:
+        folder: the model folder.
+        overwrite: whether an existing model may be replaced.
+
+    Raises:
+        InputError: it cannot be written.
+    """
     folder = Path(folder)
     if not folder.exists():
         return
@@ -130,9 +149,10 @@ def _manifest(
 
 
 def load_model(folder: str | Path) -> Estimator:
-    """The estimator in ``folder``, which may be the word ``pretrained/NAME``, or the name of a method without a fit.
+    """Returns the estimator in ``folder``: a path, ``pretrained/NAME``, or the name of a method that needs no fit.
 
-    Raises ModelError for a missing or altered file, a newer model, another method.
+    Raises:
+        ModelError: a file is missing or altered, the model is newer than this program, or its method is unknown.
     """
     folder = located(folder)
     named = ESTIMATORS.get(str(folder))
@@ -170,12 +190,12 @@ def _first_of(error: Exception) -> str:
 
 
 def load_pretrained(name: str) -> Estimator:
-    """A model that comes with this program. Raises ModelError for a name that is none."""
+    """Returns a model that comes with this program. Raises ModelError for an unknown name."""
     return load_model(pretrained_folder(name))
 
 
 def _checked(folder: Path, name: str, expected: str) -> bytes:
-    """Content of a file of a model folder, that must be as it was saved."""
+    """Returns the content of a file of a model folder, after a check that it is unchanged."""
     path = folder / name
     if not path.is_file():
         raise ModelError(f"{folder}: the file {name} is missing; train the model again or copy the whole folder")
@@ -194,14 +214,15 @@ def _checked(folder: Path, name: str, expected: str) -> bytes:
 
 
 def _is_own(name: str) -> bool:
-    """Whether it names a file of the method's own, within the folder."""
+    """Whether ``name`` is a further file of the method, within the folder."""
     return name not in (MANIFEST, ARRAYS, CARD) and Path(name).name == name and not name.startswith(".")
 
 
 def read_manifest(folder: str | Path) -> dict[str, Any]:
     """Reads ``model.json`` of ``folder``, or of ``pretrained/NAME``.
 
-    Raises ModelError for a missing, unreadable, altered or newer one, or an unknown method.
+    Raises:
+        ModelError: it is missing, unreadable, altered or newer than this program, or its method is unknown.
     """
     folder = located(folder)
     path = folder / MANIFEST
@@ -224,7 +245,7 @@ def read_manifest(folder: str | Path) -> dict[str, Any]:
     if found < FORMAT_VERSION:
         raise ModelError(
             f"{path}: has the older format version {found}, this program reads version {FORMAT_VERSION}; train the "
-            "model anew"
+            "model again"
         )
     if needed:
         raise ModelError(f"{path}: lacks {', '.join(sorted(needed))}; train the model again or copy the whole folder")

@@ -12,7 +12,7 @@ from ...types import FloatArray
 from ._machine import Machines
 
 PARITY_N = 1e-6
-"""Answers may differ from scikit-learn's, and a graph's from this program's, by less than this."""
+"""Largest difference of estimates to those of scikit-learn, and of a graph's to those of this program."""
 
 OPSET = 17
 IR_VERSION = 8
@@ -20,15 +20,26 @@ PROBES = 256
 
 
 def regression_graph(machines: Machines, names: Sequence[str], targets: Sequence[str]) -> tuple[bytes, dict[str, Any]]:
-    """A fitted regression in plain operators and double precision.
+    """Returns a fitted regression as an ONNX graph in plain operators and double precision.
 
-    Input ``features`` (n, k): raw shape numbers and actuation, as ``metadata_props["features"]`` lists them (with a
-    window: lag after lag). Output ``force_n`` (n, t) in newtons. The detection is not part of the graph. ``parity_n``
-    among the facts: the largest deviation from this program on probes around the support vectors. Raises ModelError
-    where that reaches `PARITY_N`, MissingExtraError without onnx.
+    Its input ``features`` (n, k) are raw shape numbers and actuation, as ``metadata_props["features"]`` lists them
+    (with a window: lag after lag); its output ``force_n`` (n, t) is in newtons. The detection is not part of the graph.
+
+    Args:
+        machines: the fitted machines.
+        names: names of the features.
+        targets: names of the estimated forces.
+
+    Returns:
+        The bytes of the graph, and facts about it. ``parity_n`` is the largest deviation from this program on probes
+        around the support vectors.
+
+    Raises:
+        ModelError: the deviation reaches `PARITY_N`.
+        MissingExtraError: onnx is not installed.
     """
     onnx = import_extra("onnx", "onnx")
-    runtime: Any = importlib.import_module("onnxruntime")  # here, for it takes its time
+    runtime: Any = importlib.import_module("onnxruntime")  # here, because the import is slow
     model = _graph(onnx, machines, {"features": ", ".join(names), "targets": ", ".join(targets)})
     onnx.checker.check_model(model)
     data = model.SerializeToString()
@@ -68,7 +79,7 @@ def _graph(onnx: Any, machines: Machines, facts: dict[str, str]) -> Any:
     x = node("Sub", "features", constant("shift", machines.shift), out="moved")
     x = node("Mul", x, constant("scale", machines.scale), out="x")
     length = summed(node("Mul", x, x, out="x_squared"), "x_length")
-    answers: list[str] = []
+    forces: list[str] = []
     start = 0
     for t, end in enumerate(machines.ends.tolist()):
         vectors, dual = machines.vectors[start:end], machines.dual[start:end]
@@ -84,14 +95,14 @@ def _graph(onnx: Any, machines: Machines, facts: dict[str, str]) -> Any:
         straight = node("MatMul", x, constant(f"weights_{t}", machines.weights[t][:, None]), out=f"s_{t}")
         both = node("Add", curved, straight, out=f"both_{t}")
         moved = node("Add", both, constant(f"intercept_{t}", np.array(machines.intercept[t])), out=f"share_{t}")
-        answers.append(node("Mul", moved, constant(f"unit_{t}", np.array(machines.unit_n[t])), out=f"newtons_{t}"))
-    node("Concat", *answers, out="force_n", axis=1)
+        forces.append(node("Mul", moved, constant(f"unit_{t}", np.array(machines.unit_n[t])), out=f"newtons_{t}"))
+    node("Concat", *forces, out="force_n", axis=1)
     double, width = onnx.TensorProto.DOUBLE, machines.vectors.shape[1]
     graph = helper.make_graph(
         nodes,
         "tipforce_svr",
         [helper.make_tensor_value_info("features", double, ["n", width])],
-        [helper.make_tensor_value_info("force_n", double, ["n", len(answers)])],
+        [helper.make_tensor_value_info("force_n", double, ["n", len(forces)])],
         constants,
     )
     model = helper.make_model(

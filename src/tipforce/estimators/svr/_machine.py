@@ -1,4 +1,4 @@
-"""The fitted machines: training with scikit-learn (libsvm), answering without it."""
+"""The fitted machines: trained with scikit-learn (libsvm), evaluated without it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -27,11 +27,11 @@ class Constants:
 
 @dataclass(frozen=True, eq=False)
 class Machines:
-    """One support vector machine a target, on raw features (k,) in, newtons (t,) out.
+    """One support vector machine for each target; they map raw features (k,) to newtons (t,).
 
     ``shift``, ``scale`` (k,): scaled feature = (raw - shift) * scale. ``vectors`` (m, k): the support vectors of all
-    targets, target after target, ``ends`` (t,) where each target's stop. ``dual`` (m,), ``intercept``, ``gamma``,
-    ``unit_n`` (t,): newtons of one. ``weights`` (t, k): the linear part of the kernel, already summed up.
+    targets, target after target, ``ends`` (t,): index behind the last one of each target. ``dual`` (m,), ``intercept``,
+    ``gamma``, ``unit_n`` (t,): newtons of one unit. ``weights`` (t, k): linear part of the kernel, already summed.
     """
 
     shift: FloatArray
@@ -47,7 +47,7 @@ class Machines:
     """Largest deviation from scikit-learn on the training samples, in newtons."""
 
     def __call__(self, raw: FloatArray) -> FloatArray:
-        """(k,) raw features -> (t,) newtons."""
+        """Returns (t,) newtons for the raw features (k,)."""
         out = np.empty(len(self.ends))
         evaluate(
             raw, self.shift, self.scale, self.vectors, self.dual, self.ends, self.intercept, self.gamma, self.unit_n,
@@ -56,14 +56,14 @@ class Machines:
         return out
 
     def many(self, raw: FloatArray) -> FloatArray:
-        """(n, k) -> (n, t)."""
+        """Returns (n, t) newtons for the raw features (n, k)."""
         out = np.empty((len(raw), len(self.ends)))
         for row in range(len(raw)):
             out[row] = self(raw[row])
         return out
 
     def arrays(self) -> dict[str, Any]:
-        """All arrays by name, for the model store."""
+        """Returns all arrays by name, for the model store."""
         names = ("shift", "scale", "vectors", "dual", "ends", "intercept", "gamma", "unit_n", "weights")
         return {name: getattr(self, name) for name in names}
 
@@ -71,7 +71,7 @@ class Machines:
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]], features: int, targets: int, parity_n: float) -> "Machines":
         """Makes machines from `arrays`, for the given numbers of features and targets.
 
-        `evaluate` trusts these arrays: it would read beyond the ends of shorter ones. Raises KeyError and
+        `evaluate` does not check these arrays: it would read beyond the ends of shorter ones. Raises KeyError and
         ValueError.
         """
         vectors = stored_array(arrays, "vectors", (None, features))
@@ -127,7 +127,7 @@ def evaluate(
 
 
 def squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(n, k), (m, k) -> (n, m)."""
+    """Returns (n, m) squared distances of ``a`` (n, k) and ``b`` (m, k)."""
     square = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2.0 * (a @ b.T)
     return np.maximum(square, 0.0)
 
@@ -146,11 +146,17 @@ def fit_machines(
     scale: FloatArray,
     linear: FloatArray,
 ) -> Machines:
-    """Train one machine for each column of ``targets_n`` (n, t) on ``raw`` (n, k).
+    """Trains one machine for each force.
 
-    ``linear`` (k,): weight of each scaled feature's products in the kernel, zeros for the thesis's kernel.
+    Args:
+        raw: (n, k) features.
+        targets_n: (n, t) forces, N.
+        constants: the constants of each target.
+        shift: (k,) offset of the features.
+        scale: (k,) scale of the features.
+        linear: (k,) weight of each scaled feature's products in the kernel; zeros for the kernel of the thesis.
     """
-    from sklearn.svm import SVR  # a slow import, that estimating does without
+    from sklearn.svm import SVR  # a slow import, which estimates do not need
 
     x = np.ascontiguousarray((raw - shift) * scale)
     unit = largest(targets_n)
@@ -187,6 +193,6 @@ def fit_machines(
 
 
 def largest(values: FloatArray) -> FloatArray:
-    """(n, k) -> (k,): largest absolute value of each column, 1 for a column of zeros (which so stays zero)."""
+    """Returns (k,) the largest absolute value of each column of ``values`` (n, k); 1 for a column of zeros."""
     size = np.max(np.abs(values), axis=0)
     return np.where(size > 0, size, 1.0)

@@ -3,7 +3,7 @@
 Five polynomial coefficients (eq. 2) and the actuation, each divided by its largest absolute value on the training part;
 kernel eq. (15), epsilon-insensitive loss eq. (8); C, epsilon and sigma by cross-validation on the training part. Two
 defaults go beyond the thesis: the tracer finds the centreline, and all drives of the data are inputs, not the knob
-alone; `Svr.thesis_settings` are the thesis's to the letter. All else beyond it is an option of `SvrSettings`.
+alone; `Svr.thesis_settings` are exactly those of the thesis. Everything else beyond it is an option of `SvrSettings`.
 """
 
 from collections.abc import Mapping
@@ -54,9 +54,9 @@ class Svr(ShapeRegressor):
         "actuation": [KNOB],
         "hold_out": "sample",
     }
-    """The thesis names neither C, epsilon and sigma nor how they were chosen: they are chosen from the same values as
-    always, on single samples held out, as the thesis holds them out to test. Its threshold is a constant c that it does
-    not name: 110 is between shaft and ground of the simulated ``thesis-2021``; state the one of another bench."""
+    """The thesis states neither C, epsilon and sigma nor how they were chosen: they are chosen from the same values as
+    always, on single held-out samples, as the thesis tests. Its threshold is a constant c that it does not state: 110
+    is between shaft and ground of the simulated ``thesis-2021``; state the one of another bench."""
     settings: SvrSettings
 
     def train(self, rows: Rows, report: Progress) -> Trained:
@@ -90,7 +90,7 @@ class Svr(ShapeRegressor):
         parity_n = model.machines.parity_n
         if not parity_n < PARITY_N:
             raise ModelError(
-                f"svr answers differ from scikit-learn's by up to {parity_n:.2g} N, more than {PARITY_N:g} N: the "
+                f"svr estimates differ from scikit-learn's by up to {parity_n:.2g} N, more than {PARITY_N:g} N: the "
                 "model was not saved; train it with a smaller C"
             )
         constants = [{"c": each.c, "epsilon": each.epsilon, "sigma": each.sigma} for each in model.constants]
@@ -115,7 +115,7 @@ class Svr(ShapeRegressor):
 
         Returns:
             Names (k,) and scaled values (m, k) of the features, names (t,) and scaled values (m, t) of the forces. With
-            a window, the name of a feature says how old it is.
+            a window, the name of a feature states its lag.
         """
         fitted = self.fitted()
         rows = gather_rows(self.settings, fitted.actuation, dataset, lambda _: None, fitted.vision)

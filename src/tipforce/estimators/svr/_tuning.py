@@ -11,15 +11,15 @@ from ..shape import Fold
 from ._machine import Constants, gram, largest, squared_distances
 from ._settings import SvrSettings
 
-RISE = 1.05
-"""A larger C is not tried any more once the error has risen by this factor over the least at the same sigma."""
+MAX_ERROR_RISE = 1.05
+"""Larger values of C are skipped after the error has risen by this factor over the smallest one at the same sigma."""
 
 Scaling = tuple[FloatArray, FloatArray]
 Report = Callable[[str, float], None]
 
 
 def scaling_of(raw: FloatArray, how: str) -> Scaling:
-    """Shift and scale (k,) so that scaled = (raw - shift) * scale; a constant zero stays zero.
+    """Returns shift and scale (k,) so that scaled = (raw - shift) * scale; a constant zero stays zero.
 
     >>> shift, scale = scaling_of(np.array([[0.0, -4.0], [0.0, 2.0]]), "max")
     >>> shift.tolist(), scale.tolist()
@@ -28,14 +28,14 @@ def scaling_of(raw: FloatArray, how: str) -> Scaling:
     if how == "max":
         return np.zeros(raw.shape[1]), 1.0 / largest(raw)
     spread = np.std(raw, axis=0)
-    # a feature that never changed in training says nothing: 0 keeps it from deciding anything later
+    # a feature that never changed in training has no information: 0 keeps it without effect later
     usable = spread > 1e-9 * largest(raw)
     return np.mean(raw, axis=0), np.where(usable, 1.0 / np.where(usable, spread, 1.0), 0.0)
 
 
 @dataclass(frozen=True)
 class _Part:
-    """One fold with everything that no constant changes: distances, products, labels in shares of the largest."""
+    """One fold with all numbers that no constant changes: distances, products, labels in shares of the largest."""
 
     train: IntArray
     test: IntArray
@@ -56,8 +56,8 @@ class _Search:
         self.count = len(raw)
 
     def predictions(self, learn_n: FloatArray, constants: Constants) -> FloatArray:
-        """(n,) newtons, each sample by a machine that did not see its fold; NaN where a fold never tests."""
-        from sklearn.svm import SVR  # a slow import, that estimating does without
+        """Returns (n,) newtons, each sample from a machine without its fold; NaN for samples that no fold tests."""
+        from sklearn.svm import SVR  # a slow import, which estimates do not need
 
         out = np.full(self.count, np.nan)
         for part in self.parts:
@@ -80,14 +80,14 @@ def choose(
     """Chooses the constants of each target by the least mean squared error over the folds.
 
     C and sigma are chosen together at a middle epsilon, then epsilon at those. For each sigma, from the widest on, C
-    grows until the error has risen by `RISE` over the least at that sigma: larger ones take longest and are worse.
-    Ties go to the smaller C and the larger sigma.
+    grows until the error has risen by `MAX_ERROR_RISE` over the smallest at that sigma: larger ones take longest and
+    are worse. Ties go to the smaller C and the larger sigma.
 
     Args:
         raw: (n, k) features.
         learn_n: (n, t) forces to learn from, in newtons.
         truth_n: (n, t) forces that errors are measured on, in newtons.
-        folds: of the cross-validation.
+        folds: folds of the cross-validation.
         settings: the values to choose from.
         linear: (k,) weight of each feature's products in the kernel.
         report: called with a description of the current work and its share.
@@ -111,7 +111,7 @@ def choose(
             lowest, error = np.inf, 0.0
             for c in sorted(settings.c):
                 done += 1
-                if error > RISE * lowest:
+                if error > MAX_ERROR_RISE * lowest:
                     continue
                 candidate = Constants(c, middle, sigma)
                 error = error_of(candidate)

@@ -20,24 +20,24 @@ from ._strata import ForceStrata, fit_strata
 
 COVERAGE = 0.9
 
-_MOST_GENERATIONS = 64
-"""A fine-tuned model keeps the strata of the model that it began with: so many times, at most."""
+MAX_GENERATIONS = 64
+"""A fine-tuned model keeps the strata of its initial model, at most over this number of generations."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Half-widths of the 90 % intervals and what they rest on.
+    """Half-widths of the 90 % intervals and their basis.
 
     Attributes:
         half_n: (3,) half-widths of the components, NaN where unknown.
         magnitude_half_n: half-width of the magnitude that holds 90 % of all frames together.
         covariance_n2: (3, 3) covariance of the errors, NaN where unknown.
         by_session: True where the interval holds for a new session.
-        basis: what the interval rests on, in words.
+        basis: samples and sessions behind the interval, in words.
         sessions: number of sessions of the residuals.
         samples: number of residuals.
         strata: ends of the magnitude's interval by stratum of the force, the widest of which count; empty in models
-            that were saved before there were any: then ``magnitude_half_n`` is its half-width at every force.
+            that were saved inherited there were any: then ``magnitude_half_n`` is its half-width at every force.
     """
 
     half_n: FloatArray
@@ -50,7 +50,12 @@ class Interval:
     strata: tuple[ForceStrata, ...] = ()
 
     def magnitude_interval(self, magnitude_n: float, unit_n: float = 1.0) -> tuple[float, float]:
-        """Returns the ends of the magnitude's interval in newtons; ``unit_n``: newtons of the unit of half-widths."""
+        """Returns the ends of the magnitude's interval in newtons.
+
+        Args:
+            magnitude_n: estimated magnitude.
+            unit_n: newtons of the unit of the half-widths.
+        """
         if not self.strata:
             half = self.magnitude_half_n * unit_n
             return max(0.0, magnitude_n - half), magnitude_n + half
@@ -79,16 +84,21 @@ class Interval:
 
     @classmethod
     def of(cls, values: Mapping[str, Any], known: BoolArray) -> "Interval":
-        """The inverse of `values`, for a method that estimates the ``known`` (3,) components.
+        """Makes the intervals from the return value of `values`.
 
-        Raises KeyError, TypeError or ValueError where they are no such intervals.
+        Args:
+            values: the JSON values.
+            known: (3,) which components the method estimates.
+
+        Raises:
+            KeyError, TypeError, ValueError: the values are no such intervals.
         """
         half = np.array([_from_json(value) for value in values["half_width_n"]], np.float64)
         covariance = np.array([[_from_json(value) for value in row] for row in values["covariance_n2"]], np.float64)
         magnitude = _from_json(values["magnitude_half_width_n"])
         strata = tuple(ForceStrata.of(each) for each in values.get("strata", ()))
-        if len(strata) > _MOST_GENERATIONS:
-            raise ValueError(f"at most {_MOST_GENERATIONS} sets of strata are expected, got {len(strata)}")
+        if len(strata) > MAX_GENERATIONS:
+            raise ValueError(f"at most {MAX_GENERATIONS} sets of strata are expected, got {len(strata)}")
         if values["coverage"] != COVERAGE:
             raise ValueError(f"the intervals hold {values['coverage']} of the errors, expected {COVERAGE}")
         if half.shape != (3,) or not (np.append(half[known], magnitude) >= 0).all():
@@ -119,7 +129,7 @@ def _from_json(value: float | str | None) -> float:
 
 @dataclass(frozen=True, slots=True)
 class IntervalBasis:
-    """What an interval rests on: ``by_session`` True where it holds for a new session; ``text`` in words."""
+    """Basis of an interval: ``by_session`` is True where it holds for a new session; ``text`` states it in words."""
 
     by_session: bool
     text: str
@@ -135,7 +145,7 @@ def sessions_for_guarantee(coverage: float = COVERAGE) -> int:
 
 
 def interval_basis(sessions: int, held_out: bool, sampling: str = "random folds") -> IntervalBasis:
-    """Returns what an interval rests on.
+    """Returns the basis of an interval.
 
     Args:
         sessions: number of sessions of the residuals.
@@ -197,7 +207,7 @@ def conformal_interval(
         truth: (n, t) measured forces.
         session: (n,) sessions.
         held_out: True where whole sessions were held out.
-        sampling: how the samples were drawn else.
+        sampling: how the samples were drawn otherwise.
     """
     if known.any():
         estimate, force = np.linalg.norm(predicted, axis=1), np.linalg.norm(truth, axis=1)
@@ -226,7 +236,7 @@ def interval_from_errors(
         unit_n: (n,) unit of the magnitude's errors in newtons.
         session: (n,) sessions.
         held_out: True where whole sessions were held out.
-        sampling: how the samples were drawn else.
+        sampling: how the samples were drawn otherwise.
     """
     sessions = len(set(session.tolist()))
     basis = interval_basis(sessions, held_out, sampling)
@@ -257,8 +267,8 @@ def wider_interval(own: Interval, initial: Interval) -> Interval:
     basis = f"{own.basis}; or, where wider, that of the model it was fine-tuned from ({initial.basis})"
     if magnitude == own.magnitude_half_n and np.array_equal(half, own.half_n, equal_nan=True) and not own.strata:
         return own
-    before = initial.strata or (
+    inherited = initial.strata or (
         (ForceStrata.symmetric(initial.magnitude_half_n),) if math.isfinite(initial.magnitude_half_n) else ()
     )
-    strata = (*own.strata, *before) if own.strata else ()
+    strata = (*own.strata, *inherited) if own.strata else ()
     return replace(own, half_n=half, magnitude_half_n=magnitude, basis=basis, strata=strata)

@@ -1,6 +1,6 @@
 """Epistemic uncertainty of a network: Laplace approximation of its last layer (MacKay 1992; Daxberger et al. 2021).
 
-With the features before the last dense layer held fixed, the output is linear in that layer's weights, and their
+The features before the last dense layer are kept fixed, so the output is linear in the weights of that layer, and their
 posterior is a Gaussian.
 """
 
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...types import FloatArray
 from .._values import stored_array
 
-_PRIOR_PRECISION = 1.0
+PRIOR_PRECISION = 1.0
 """Precision of the last layer's weights before training, in units of one sample's."""
 
 
@@ -35,7 +35,12 @@ class LastLayerLaplace:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> "LastLayerLaplace":
-        """The inverse of `arrays`. Raises KeyError where they hold none, ValueError where it is no square matrix."""
+        """Makes the posterior from the return value of `arrays`.
+
+        Raises:
+            KeyError: the array is missing.
+            ValueError: it is no square matrix.
+        """
         root = stored_array(arrays, "laplace_root_covariance", (None, None))
         if root.shape[0] != root.shape[1]:
             raise ValueError(f"laplace_root_covariance has the shape {root.shape}, expected a square")
@@ -50,7 +55,7 @@ def fit_laplace(features: npt.NDArray[Any], initial: LastLayerLaplace | None = N
         initial: posterior of the network that this one was fine-tuned from, whose samples count, too.
     """
     features = features.astype(np.float64)
-    precision = features.T @ features + _PRIOR_PRECISION * np.eye(features.shape[1])
+    precision = features.T @ features + PRIOR_PRECISION * np.eye(features.shape[1])
     if initial is not None:
         precision += np.linalg.inv(initial.root_covariance @ initial.root_covariance.T)
     return LastLayerLaplace(np.linalg.cholesky(np.linalg.inv(precision)).astype(np.float64))

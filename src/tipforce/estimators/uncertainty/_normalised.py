@@ -13,7 +13,12 @@ GAUSS_90 = 1.6448536269514722
 
 
 def gaussian_interval(known: BoolArray, basis: str) -> Interval:
-    """Returns a Gaussian's interval for the ``known`` (3,) components, not yet compared with forces; see ``basis``."""
+    """Returns the 90 % interval of a Gaussian, which has not been compared with forces.
+
+    Args:
+        known: (3,) which components it is for.
+        basis: basis of the interval in words.
+    """
     one = np.where(known, 1.0, np.nan)
     covariance = np.where(np.eye(3, dtype=np.bool_) & known, 1.0, np.where(np.outer(known, known), 0.0, np.nan))
     return Interval(GAUSS_90 * one, GAUSS_90, covariance, False, basis, 0, 0)
@@ -27,7 +32,16 @@ def normalised_interval(
     session: npt.NDArray[np.str_],
     sampling: str,
 ) -> Interval:
-    """As `conformal_interval`, in standard deviations: errors (n, t) by those of ``covariance`` (n, t, t)."""
+    """Returns the intervals as `conformal_interval` does, in standard deviations.
+
+    Args:
+        known: (3,) which components are estimated.
+        predicted: (n, t) estimated forces, N.
+        covariance: (n, t, t) their covariances, N^2; the errors are divided by their standard deviations.
+        truth: (n, t) measured forces, N.
+        session: (n,) sessions.
+        sampling: how the samples were drawn; empty: whole sessions were held out.
+    """
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     unit = np.array([magnitude_sigma(f, c) for f, c in zip(predicted, covariance, strict=True)])
     estimate, force = np.linalg.norm(predicted, axis=1), np.linalg.norm(truth, axis=1)

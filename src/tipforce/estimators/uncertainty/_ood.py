@@ -1,7 +1,7 @@
 """Out-of-distribution detection: images whose features are far from the features of the training images.
 
 The distance is measured along the principal directions of the training features (Mahalanobis distance; Lee et al. 2018)
-and in the residual beside them. A fine-tuned network keeps the distributions of the network it was fine-tuned from, as
+and in the residual orthogonal to them. A fine-tuned network keeps the distributions of its initial network, as
 long as those contain the new training images, too.
 """
 
@@ -18,12 +18,12 @@ from .._values import stored_array
 _MAX_DIRECTIONS, _EXPLAINED_VARIANCE = 100, 0.95
 """Largest number of principal directions, and the share of the variance that they explain."""
 _THRESHOLD_QUANTILE = 0.995
-"""Share of the held-out features whose distance is below the threshold, before `_MARGIN`."""
-_MARGIN = 1.1
-_LEAST = 1e-9
+"""Share of the held-out features whose distance is below the threshold, before `THRESHOLD_MARGIN`."""
+THRESHOLD_MARGIN = 1.1
+MIN_DEVIATION = 1e-9
 """Smallest standard deviation along a direction."""
-_CONTAINED = 0.9
-"""Share of the held-out images that must lie in the initial network's distribution for it to be kept."""
+MIN_CONTAINED_SHARE = 0.9
+"""An initial distribution is kept if it contains at least this share of the held-out images."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,9 @@ class FeatureDistribution:
         centre: (d,) mean.
         directions: (d, k) principal directions.
         deviation: (k,) standard deviations along them.
-        residual: root mean square of what is beside the directions.
+        residual: root mean square of the component that is orthogonal to the directions.
         threshold: largest in-distribution distance.
-        weight: share of the squared distance along the directions in the total; the rest is that beside them.
+        weight: share of the squared distance along the directions in the total; the rest is the residual.
     """
 
     centre: FloatArray
@@ -65,10 +65,15 @@ class FeatureDistribution:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> "FeatureDistribution":
-        """The inverse of `arrays`. Raises KeyError where one is missing, ValueError where they do not fit."""
+        """Makes the distribution from the return value of `arrays`.
+
+        Raises:
+            KeyError: an array is missing.
+            ValueError: the arrays do not fit each other.
+        """
         centre = stored_array(arrays, "centre", (None,))
         directions = stored_array(arrays, "directions", (len(centre), None))
-        deviation = stored_array(arrays, "deviation", (directions.shape[1],), low=_LEAST)
+        deviation = stored_array(arrays, "deviation", (directions.shape[1],), low=MIN_DEVIATION)
         scales = stored_array(arrays, "scales", (None,), low=0.0)
         found = cls(centre, directions, deviation, *scales.tolist())  # older models leave the weight out
         if not (found.residual > 0 and found.threshold > 0 and found.weight <= 1):
@@ -83,7 +88,7 @@ class OodDetector:
     distributions: tuple[FeatureDistribution, ...]
 
     def score(self, features: npt.NDArray[Any]) -> FloatArray:
-        """Returns (n,) scores of ``features`` (n, d): up to 1 is in one distribution or another."""
+        """Returns (n,) scores of ``features`` (n, d): up to 1 is in one of the distributions."""
         return np.min([each.score(features) for each in self.distributions], axis=0)
 
     def abstention(self, stamp_ns: int, features: npt.NDArray[Any]) -> ForceEstimate | None:
@@ -104,7 +109,7 @@ class OodDetector:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> "OodDetector":
-        """The inverse of `arrays`. Raises KeyError where they hold no distribution."""
+        """Makes the detector from the return value of `arrays`. Raises KeyError without any distribution."""
         found: list[FeatureDistribution] = []
         while not found or f"ood{len(found)}_centre" in arrays:
             prefix = f"ood{len(found)}_"
@@ -124,7 +129,7 @@ def fit_ood_detector(
     *,
     ignored_directions: int | None = None,
 ) -> OodDetector:
-    """Fit the distribution of the training features, beside those of the initial network that still hold.
+    """Fits the distribution of the training features, and keeps those of the initial network that still hold.
 
     Args:
         training: (n, d) features of training images.
@@ -136,20 +141,22 @@ def fit_ood_detector(
     own = fit_feature_distribution(training, threshold_features, ignored_directions)
     kept: tuple[FeatureDistribution, ...] = ()
     if initial is not None and initial.distributions[0].centre.shape == own.centre.shape:
-        kept = tuple(each for each in initial.distributions if np.mean(each.score(held_out) <= 1.0) >= _CONTAINED)
+        kept = tuple(
+            each for each in initial.distributions if np.mean(each.score(held_out) <= 1.0) >= MIN_CONTAINED_SHARE
+        )
     return OodDetector((own, *kept))
 
 
 def fit_feature_distribution(
     training: npt.NDArray[Any], held_out: npt.NDArray[Any], ignored_directions: int | None = None
 ) -> FeatureDistribution:
-    """Fit the distribution of the features (n, d) of training images; (m, d) held-out ones set its threshold.
+    """Fits the distribution of the features of training images.
 
     Args:
-        training: (n, d) features.
-        held_out: (m, d) features.
-        ignored_directions: only the residual beside so many principal directions counts, for features of which a few
-            directions hold what is estimated.
+        training: (n, d) features of training images.
+        held_out: (m, d) features of held-out images, which set the threshold.
+        ignored_directions: number of principal directions that are ignored, so that only the residual counts; for
+            features that hold the estimated number in a few directions.
     """
     features = training.astype(np.float64)
     centre = features.mean(axis=0)
@@ -162,4 +169,4 @@ def fit_feature_distribution(
     residual = float(np.sqrt(max(values[count:].sum(), 1e-3 * values.sum())))
     weight = 0.5 if ignored_directions is None else 0.0
     found = FeatureDistribution(centre, directions, deviation, residual, 1.0, weight)
-    return replace(found, threshold=_MARGIN * float(np.quantile(found.score(held_out), _THRESHOLD_QUANTILE)))
+    return replace(found, threshold=THRESHOLD_MARGIN * float(np.quantile(found.score(held_out), _THRESHOLD_QUANTILE)))

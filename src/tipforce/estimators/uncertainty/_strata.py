@@ -1,15 +1,15 @@
-"""Intervals of the magnitude that hold for small and large forces alike, with an upper end of their own.
+"""Intervals of the magnitude that hold for small and large forces alike, with separate lower and upper ends.
 
 One half-width for all forces holds 90 % of all frames and hides that it misses most of the large forces, which are rare
 and which a regression reads too small. Here the magnitude's interval is the hull of two conformal sets. The first holds
-by the force itself (label-conditional, Vovk, Lindsay, Nouretdinov and Gammerman 2003): a force belongs to it where the
-estimate is one that such forces get, so whatever the true force is, its stratum promises the coverage, and nothing of
-the truth is needed to compute it. The second holds by the estimate (Mondrian): what an estimate of this size is worth.
+for each force (label-conditional, Vovk, Lindsay, Nouretdinov and Gammerman 2003): a force belongs to the set if the
+estimate is plausible for forces of its stratum. So the coverage holds for every true force, and the computation needs
+no knowledge of it. The second set holds for each estimate (Mondrian): for all forces with an estimate of this size.
 
-Within a stratum, the lower and the upper end are those of the signed errors' 5 and 95 % quantiles about their median,
-each session weighing the same, times one factor that makes both hold 90 % of a new session (as in `_conformal`). With
-fewer than 20 sessions in a stratum the factor is Student's (the prediction of one more session from so few), and the
-ends are not nearer than those of the stratum below, or of all frames for strata of the estimate.
+Within a stratum, the lower and the upper end are the 5 and 95 % quantiles of the signed errors about their median,
+where each session has the same weight. One factor widens both so that they hold 90 % of a new session (as in
+`_conformal`). With fewer than 20 sessions in a stratum the factor is Student's (the prediction of one more session from
+a few), and the ends are not nearer than those of the stratum below, or of all frames for strata of the estimate.
 """
 
 import math
@@ -25,20 +25,21 @@ from scipy.special import ndtri, stdtrit
 
 from ...types import FloatArray
 
-_TAIL = 0.05
+TAIL_SHARE = 0.05
 """Share of the errors beyond either end."""
-_COVERAGE = 1.0 - 2.0 * _TAIL
-_LEAST_SESSIONS = 20
-"""From so many sessions on the factor is conformal. It is finite from 9 on, but until 19 nearly every session's largest
-error, and Student's factor holds as much with less width (docs/results/trust.md)."""
-_WIDTH_N, _LEAST_STRATA, _MOST_STRATA = 0.1, 3, 8
-"""Width of a stratum: a quarter of the force window, less where forces are small; and how many there are."""
-_LARGEST_SHARE = 0.99
+_COVERAGE = 1.0 - 2.0 * TAIL_SHARE
+MIN_CONFORMAL_SESSIONS = 20
+"""Number of sessions from which on the factor is conformal. It is finite from 9 on, but up to 19 it is about the
+largest error of all sessions, and Student's factor holds as much with less width (docs/results/trust.md)."""
+STRATUM_WIDTH_N, MIN_STRATA, MAX_STRATA = 0.1, 3, 8
+"""Width of a stratum: a quarter of the force window, less where forces are small; smallest and largest number of
+strata."""
+LARGEST_FORCE_QUANTILE = 0.99
 """Quantile of the forces up to which there are strata; the last one is open."""
-_MOST_WIDER = 5.0
-"""Largest of Student's factors: two sessions, or one, tell little of a third, and an interval has to end somewhere."""
-_LEAST_RELATIVE = 1e-3
-"""Least distance of an end from the median, over the larger one: errors may all be the same."""
+MAX_STUDENT_FACTOR = 5.0
+"""Largest of Student's factors: one or two sessions predict a further one badly, and an interval must be finite."""
+MIN_RELATIVE_DISTANCE = 1e-3
+"""Smallest distance of an end from the median, relative to the larger one: all errors may be equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class ForceStrata:
 
     Attributes:
         edges_n: (k + 1,) edges of the strata in newtons, from 0 to infinity.
-        by_force: (k, 2) least and largest error (force - estimate) of forces in each stratum, in the unit of the
+        by_force: (k, 2) smallest and largest error (force - estimate) of forces in each stratum, in the unit of the
             intervals: newtons, or standard deviations of the estimate.
         by_estimate: (k, 2) the same of estimates in each stratum.
     """
@@ -70,16 +71,16 @@ class ForceStrata:
 
     @classmethod
     def symmetric(cls, half: float) -> "ForceStrata":
-        """One stratum with the half-width ``half``."""
+        """Returns one stratum with the half-width ``half``."""
         ends = np.array([[-half, half]])
         return cls(np.array([0.0, math.inf]), ends, ends)
 
     def interval(self, magnitude_n: float, unit_n: float = 1.0) -> tuple[float, float]:
-        """Returns the interval's ends in newtons for an estimate; the estimate lies within.
+        """Returns the ends of the interval in newtons for an estimate; they enclose the estimate.
 
         Args:
-            magnitude_n: Estimated magnitude.
-            unit_n: Newtons of the unit of the ends.
+            magnitude_n: estimated magnitude.
+            unit_n: newtons of the unit of the ends.
         """
         low = high = magnitude_n
         for start, end, least, largest, *_ in self._rows:
@@ -100,10 +101,14 @@ class ForceStrata:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> "ForceStrata":
-        """The inverse of `values`. Raises KeyError, TypeError or ValueError where they are no strata."""
+        """Makes the strata from the return value of `values`.
+
+        Raises:
+            KeyError, TypeError, ValueError: they are no strata.
+        """
         edges = np.append(np.array(values["edges_n"], np.float64), math.inf)
-        if len(edges) > _MOST_STRATA + 1:
-            raise ValueError(f"strata: at most {_MOST_STRATA} are expected, got {len(edges) - 1}")
+        if len(edges) > MAX_STRATA + 1:
+            raise ValueError(f"strata: at most {MAX_STRATA} are expected, got {len(edges) - 1}")
         return cls(edges, *(np.array(values[name], np.float64) for name in ("by_force", "by_estimate")))
 
 
@@ -123,9 +128,9 @@ def fit_strata(
         unit_n: (n,) unit of the errors, such as each estimate's standard deviation; None: newtons.
     """
     error = (force_n - estimate_n) / (1.0 if unit_n is None else unit_n)
-    largest = float(np.quantile(force_n, _LARGEST_SHARE))
-    width = min(_WIDTH_N, max(largest, 1e-6) / _LEAST_STRATA)
-    inner = np.arange(1, min(int(largest / width + 1e-9), _MOST_STRATA - 1) + 1) * width
+    largest = float(np.quantile(force_n, LARGEST_FORCE_QUANTILE))
+    width = min(STRATUM_WIDTH_N, max(largest, 1e-6) / MIN_STRATA)
+    inner = np.arange(1, min(int(largest / width + 1e-9), MAX_STRATA - 1) + 1) * width
     edges = np.concatenate([[0.0], inner, [math.inf]])
     overall = _ends(error, session)[0]
     return ForceStrata(
@@ -138,12 +143,15 @@ def fit_strata(
 def _by_stratum(
     by: FloatArray, error: FloatArray, session: npt.NDArray[np.str_], edges: FloatArray, least: FloatArray | None
 ) -> FloatArray:
-    """(k, 2): ends in the strata of ``by``; where sessions are few, not nearer than those below, or than ``least``."""
+    """Returns the ends (k, 2) in the strata of ``by``.
+
+    With few sessions they are not nearer than those of the stratum below, or than ``least``.
+    """
     found: list[FloatArray] = []
     for low, high in pairwise(edges):
         inside = (by >= low) & (by < high)
         ends, sessions = _ends(error[inside], session[inside]) if inside.any() else (np.full(2, np.nan), 0)
-        if sessions < _LEAST_SESSIONS:
+        if sessions < MIN_CONFORMAL_SESSIONS:
             wide = [ends, *found[-1:], *([] if least is None else [least])]
             if not found and np.isnan(ends).all() and least is None:
                 wide = [_ends(error, session)[0]]
@@ -153,7 +161,7 @@ def _by_stratum(
 
 
 def _ends(error: FloatArray, session: npt.NDArray[np.str_]) -> tuple[FloatArray, int]:
-    """(2,) ends that hold the errors (n,) of a new session, and the number of sessions."""
+    """Returns the ends (2,) that hold the errors (n,) of a new session, and the number of sessions."""
     _, place, counts = np.unique(session, return_inverse=True, return_counts=True)
     sessions = len(counts)
     mass = 1.0 / (sessions * counts[place])
@@ -161,10 +169,10 @@ def _ends(error: FloatArray, session: npt.NDArray[np.str_]) -> tuple[FloatArray,
     reached = np.cumsum(mass[order])
     low, median, high = error[order[np.minimum(np.searchsorted(reached, _SHARES), len(error) - 1)]].tolist()
     below, above = median - low, high - median
-    least = max(_LEAST_RELATIVE * max(below, above), np.finfo(np.float64).tiny)
+    least = max(MIN_RELATIVE_DISTANCE * max(below, above), np.finfo(np.float64).tiny)
     below, above = max(below, least), max(above, least)
     score = np.where(error > median, (error - median) / above, (median - error) / below)
-    if sessions >= _LEAST_SESSIONS:
+    if sessions >= MIN_CONFORMAL_SESSIONS:
         ranked = np.argsort(score)
         held = np.cumsum(mass[ranked]) * sessions / (sessions + 1)
         factor = float(score[ranked[np.searchsorted(held, _COVERAGE - 1e-9)]])
@@ -173,15 +181,15 @@ def _ends(error: FloatArray, session: npt.NDArray[np.str_]) -> tuple[FloatArray,
     return np.array([median - factor * below, median + factor * above]), sessions
 
 
-_SHARES = np.array([_TAIL, 0.5, 1.0 - _TAIL]) - 1e-9
+_SHARES = np.array([TAIL_SHARE, 0.5, 1.0 - TAIL_SHARE]) - 1e-9
 
 
 def _student(sessions: int) -> float:
-    """How much wider than for many sessions the 90 % prediction of one more normal value is, from so few.
+    """Returns the factor by which the 90 % prediction of one more normal value from few sessions is wider.
 
     >>> [round(_student(sessions), 2) for sessions in (1, 3, 8)]
     [4.7, 2.05, 1.22]
     """
     several = max(sessions, 2)
-    wider = float(stdtrit(several - 1, 1.0 - _TAIL) / ndtri(1.0 - _TAIL)) * math.sqrt(1.0 + 1.0 / several)
-    return min(wider, _MOST_WIDER)
+    wider = float(stdtrit(several - 1, 1.0 - TAIL_SHARE) / ndtri(1.0 - TAIL_SHARE)) * math.sqrt(1.0 + 1.0 / several)
+    return min(wider, MAX_STUDENT_FACTOR)
