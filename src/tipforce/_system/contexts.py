@@ -9,7 +9,7 @@ class ClosedAtExit:
     __slots__ = ()
 
     def close(self) -> None:
-        """Releases what the object has opened; does nothing where nothing stays open."""
+        """Releases the files and connections of the object; does nothing if none is open."""
 
     def __enter__(self) -> Self:
         return self
