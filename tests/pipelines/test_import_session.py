@@ -251,7 +251,7 @@ def test_a_force_log_without_an_axis_in_the_images_plane_needs_a_stated_clock(ru
 
 def test_a_stated_offset_that_the_deflection_contradicts_is_said_with_both(run: Run, tmp_path: Path) -> None:
     report = import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms=-400.0, tare=(0.0, 1.5))
-    said = next(remark for remark in report.remarks if "contradicts the deflection" in remark)
+    said = next(remark for remark in report.remarks if "conflicts with the deflection" in remark)
     assert "-400.0 ms at a rate of 1" in said
     assert report.summary.info.clock_map.offset_ms == -400.0
 

@@ -129,7 +129,7 @@ def test_the_offset_is_found_from_the_deflection_once_the_inertia_is_out(tmp_pat
 def test_bad_wishes_are_refused_in_a_sentence(tmp_path):
     with pytest.raises(InputError, match=r"a recording ends in \.mcap; name it run\.mcap"):
         record(Bench(), tmp_path / "run.bag")
-    with pytest.raises(InputError, match=r"tare=\(20, 30\): 0\.00 s of readings lie there"):
+    with pytest.raises(InputError, match=r"tare=\(20, 30\): has 0\.00 s of readings"):
         record(Bench(), tmp_path / "late.mcap", tare=(20.0, 30.0), offset_ms="none")
     record(Bench(force=False, seconds=1.0), tmp_path / "blind.mcap")
     with pytest.raises(FileFormatError, match=r"blind\.mcap"):

@@ -24,20 +24,20 @@ from ._inertia import StageMotion, carried_n
 MAX_INERTIA_N = 10e-3
 """Largest root mean square of an axis that may remain in the labels."""
 _MIN_INERTIA_N = 2e-3
-"""Less than this is not removed: the logs of a stage leave as much."""
+"""Smaller inertia is not removed: the logs of a stage leave as much."""
 _MAX_ERROR_N, _MAX_ERROR_SHARE = 8e-3, 0.5
 """Largest error by the beat's irregularity, root mean square (with 3 mN of noise 8.5 mN), and as a share of the
 inertia."""
 _MAX_TURN_DEG = 60.0
-"""Between the contact's beat and the negative inertia's: 0 to 21 degrees in 40 simulated sessions."""
+"""Largest angle between the contact's beat and the negative inertia's: 0 to 21 degrees in 40 simulated sessions."""
 _BEAT_HZ = (0.4, 3.5)
 _STEP_S = 0.02
-"""Of the grid on which the beat is looked for in the whole log."""
+"""Step of the grid on which the beat is searched in the whole log."""
 _BLOCK_S, _MIN_BLOCKS = 4.0, 3
 _WEAK = 0.3
 """A block whose beat is weaker than this share of the median's does not count: no contact."""
 _MIN_BEATS = 2.0
-"""In the contact-free stretch."""
+"""Smallest number of beats in the contact-free stretch."""
 _HARMONICS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 _SUBHARMONICS = (1, 2, 3)
 """The strongest frequency may be a multiple of the beat's."""

@@ -8,15 +8,15 @@ So
 
 with theta the shaft's angle, w a bell over the part that bends, c's that hold the unknown stiffness, and a c0 that
 follows the shaft's slow drift. Trial maps come from `search_clock`; the most likely one leaves the smallest residual.
-A free regression on both components of the force is worse by milliseconds: friction goes with the wall's velocity, so
+A free regression on both components of the force is worse by milliseconds: friction follows the wall's velocity, so
 its coefficient can replace a shift in time. Physics binds the two components, up to an error of the sensor's angle
 that is fitted with a prior of two degrees.
 
-The motion of the wall would not do at all: it leads the force by the tissue's loss angle.
+The motion of the wall cannot be used instead: it leads the force by the tissue's loss angle.
 
 Three checks make the result trustworthy: rivals (another beat, another rate) must leave clearly more of the bend
 unexplained; each stretch of the session on its own must agree with the line; the standard errors hold the scatter
-between blocks of a second and between stretches, and what another elastic law, point of touch or low-pass would change.
+between blocks of a second and between stretches, and the change by another elastic law, contact point or low-pass.
 """
 
 import math
@@ -50,8 +50,8 @@ MAX_STDERR_MS = 5.0
 """Largest standard error of the time of a label, root mean square over the session: 10 mN at 2 N/s."""
 _RIVAL_Z = 3.0
 _RIVAL_RATIO = 1.5
-"""A rival is excluded where it leaves more of the bend unexplained by so many standard errors of the difference
-between blocks, or as a ratio: a single onset of contact counts in one block only."""
+"""A rival is excluded where it leaves more of the bend unexplained: by this number of standard errors of the difference
+between blocks, or by this ratio: a single onset of contact counts in one block only."""
 _RIVAL_BLOCK_S = 2.0
 _RIVAL_APART_S = 0.06
 _TRIAL_STDERR_MS = 12.0
@@ -69,12 +69,12 @@ _STRETCHES = 8
 _MAX_JUMP_S, _JUMP_Z = 25e-3, 5.0
 """A stretch that is off the line by more than both is a jump of a clock, or images that are missing."""
 _MIN_ENERGY = 4.0
-"""A stretch counts where its fitted bend has so many times the energy of the usual residual: not without contact."""
+"""Smallest ratio of the energy of a stretch's fitted bend to the usual residual: without contact it does not count."""
 _MIN_ENERGY_SHARE = 0.1
-"""And such a share of the stretches' median."""
+"""Smallest share of the median energy of the stretches."""
 _NEIGHBOURS, _OUTLYING, _OUTLYING_SHARE = 5, 10.0, 0.35
-"""An image is left out where its bend is off the median of so many by more than so many times what is usual, and by
-more than this share of the range of the bend."""
+"""An image is left out where its bend differs from the median of this number of neighbours by more than this multiple
+of the usual difference, and by more than this share of the range of the bend."""
 _SAME_RATE_Z = 2.5
 """Two clocks whose rates differ by no more standard errors run at one rate."""
 
@@ -162,8 +162,8 @@ def estimate_clock(
             plausible: images that need it are left out.
         rate: of the camera's clock against the log's, where a person states it.
         inertial: whether the readings hold the inertia of a mass whose movement no log states.
-        removed: whether inertia was removed from them: the standard errors then hold what a part of it that was left
-            could change, for a stage lags behind the commands in its log.
+        removed: whether inertia was removed from them: the standard errors then include the effect of a part that was
+            left, because a stage lags behind the commands in its log.
         shared_ns: the offset if the camera shares the clock of the stage. Maps that fit alike are decided by it, but
             only in favour of the one that fits best.
 
@@ -437,7 +437,7 @@ def _errors(
 ) -> tuple[float, FloatArray]:
     """Where on the line the shift is known best, as x of `Tilted`; (2,) standard errors there of shift and tilt, s.
 
-    From the scatter between blocks, and from what other laws would give.
+    They follow from the scatter between blocks and from the results of other laws.
     """
     even = np.full(fit.count, 1.0 / fit.count)
     weights = np.random.default_rng(0).multinomial(fit.count, even, _REPLICATES).astype(np.float64)

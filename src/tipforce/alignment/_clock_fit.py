@@ -1,9 +1,9 @@
-"""Force and deflection fitted to one another, for many trial shifts of time and tilts of the clock at once.
+"""Force and deflection fitted to one another, for many trial time shifts and clock tilts together.
 
-Least squares take regressors for exact, and the force is not: where a force along a nearly straight shaft hardly bends
-it, the noise of its small sideways part moves the estimate by milliseconds. So what noise adds to the normal equations
-is estimated from the log itself and taken out again. And the shaft drifts and creeps, which the force does not explain:
-what changes more slowly than the heart beats is left out on both sides.
+Least squares treat regressors as exact, but the force has noise: where a force along a nearly straight shaft bends it
+very little, the noise of its small sideways part moves the estimate by milliseconds. So the contribution of the noise
+to the normal equations is estimated from the log itself and subtracted. The shaft also drifts and creeps, which the
+force does not explain: changes slower than the heartbeat are removed on both sides.
 """
 
 import copy
@@ -27,7 +27,7 @@ STATED_ANGLE, ANY_ANGLE = 1e12, 0.0
 _ANGLE_PRIOR = math.tan(math.radians(2.0))
 _SLOW_HZ = 0.2
 _MAX_NOISE_SHARE = 0.7
-"""No more than this share of any regressor is taken for noise: what is left must be able to carry the fit."""
+"""Largest share of a regressor that is treated as noise: the rest must be enough for the fit."""
 _HARMONICS = 5
 """Harmonics of the beat in the inertia of a mass whose movement no log states."""
 _BEAT_HZ = (0.5, 3.5)
@@ -42,7 +42,7 @@ last."""
 class Force:
     """The force on an even grid, low-passed; x and y. A gap (NaN, or no rows) is interpolated; see `known`.
 
-    ``noise`` (2, 2): covariance of what the low-pass leaves of the sensor's noise, N^2.
+    ``noise`` (2, 2): covariance of the sensor's noise behind the low-pass, N^2.
     """
 
     def __init__(self, seconds: FloatArray, force_n: FloatArray, smooth_s: float = SMOOTH_S) -> None:
@@ -140,9 +140,9 @@ class Data:
         return size >= np.median(size)
 
     def left_out(self) -> FloatArray:
-        """(n, k): an orthonormal basis of what the force does not explain.
+        """Returns an orthonormal basis (n, k) of the bend that the force does not explain.
 
-        That is what changes slowly, and with the beat what a carried mass adds to the moment.
+        These are slow changes, and with the beat the moment of a carried mass.
         """
         span = max(float(np.ptp(self.time)), 1e-9)
         place = ((self.time - self.time[0]) / span)[:, None]
@@ -161,7 +161,7 @@ class Data:
         return max(float(force * np.abs(self.coordinates[:, 1:3]).max()), 1e-12)
 
     def terms(self, shifts: FloatArray, unit: float, degree: int) -> tuple[FloatArray, FloatArray]:
-        """(shifts, n, terms): G, G^2 ... and what G gains when the sensor turns.
+        """Returns (shifts, n, terms): G, G^2 ... and the change of G when the sensor turns.
 
         And (shifts, n, terms, 2): their slopes with the force's x and y.
         """
@@ -177,10 +177,10 @@ class Data:
 
 
 class Fit:
-    """Sums of the regression, block by block, for every trial shift: all that profile and bootstrap need.
+    """Sums of the regression, block by block, for every trial shift: the data of profile and bootstrap.
 
-    ``penalty``: what the prior on the sensor's angle adds to the squares, see `penalty_at`. ``corrected``: the share of
-    the force's noise that could be taken out. ``place`` (blocks,): x of `Tilted`.
+    ``penalty``: penalty of the prior on the sensor's angle in the squares, see `penalty_at`. ``corrected``: the share
+    of the force's noise that could be taken out. ``place`` (blocks,): x of `Tilted`.
     """
 
     def __init__(self, data: Data, shifts: FloatArray, penalty: float = STATED_ANGLE, degree: int = DEGREE) -> None:
@@ -223,18 +223,18 @@ class Fit:
         return 0.5 * (first + last), max(0.5 * (last - first), 1e-9)
 
     def _quick(self, values: FloatArray) -> FloatArray:
-        """(n,) or (shifts, n, terms): without what the force does not explain."""
+        """Returns (n,) or (shifts, n, terms) without the bend that the force does not explain."""
         return values - self._basis @ (self._basis.T @ values)
 
     def _terms(self, shifts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(shifts, n, terms), and (shifts, n, terms, terms): what the force's noise adds to their products."""
+        """Returns the terms (shifts, n, terms) and the force's noise in their products (shifts, n, terms, terms)."""
         x, slopes = self._data.terms(shifts, self._unit, self._degree)
         kept = 1.0 - np.sum(self._basis**2, axis=1)
         noise = (slopes @ self._data.force.noise) @ np.swapaxes(slopes, -1, -2) * kept[:, None, None]
         return self._quick(x), noise
 
     def profile(self, weights: FloatArray, tilted: list[Tilted]) -> FloatArray:
-        """(r, blocks) weights, m shifts and tilts -> (r, m): minus the logarithm of what is left unexplained."""
+        """(r, blocks) weights, m shifts and tilts -> (r, m): minus the log of the unexplained bend."""
         shift = np.array(tilted)[:, :1] + np.array(tilted)[:, 1:] * self.place
         step = self.shifts[1] - self.shifts[0]
         at = np.clip((shift - self.shifts[0]) / step, 0.0, len(self.shifts) - 1.000001)
@@ -252,7 +252,7 @@ class Fit:
         return -np.log(np.maximum((weights @ self._cc)[:, None] - taken, 1e-30))
 
     def _solved(self, xx: FloatArray, xc: FloatArray) -> FloatArray:
-        """(shifts, terms): what fits best."""
+        """Returns (shifts, terms): the coefficients of the best fit."""
         places = np.arange(xx.shape[1])
         xx[:, places, places] *= 1.0 + 1e-9
         xx[:, places, places] += 1e-9
@@ -316,7 +316,7 @@ class Fit:
 
     @property
     def bend(self) -> FloatArray:
-        """(n,): bend without what the force does not explain, rad."""
+        """Bend (n,) in rad without the part that the force does not explain."""
         return self._c
 
     def explained(self, at: Tilted) -> float:
@@ -324,7 +324,7 @@ class Fit:
         return float(1.0 - self.residuals(at).var() / max(float(self._c.var()), 1e-30))
 
     def slope(self, at: Tilted) -> float:
-        """Sign and size of dB/dG, by the straight line through what is fitted: positive for a real shaft."""
+        """Sign and size of dB/dG, by the straight line through the fitted bend: positive for a real shaft."""
         x, solved = self._solve(at)
         lever, fitted = x[:, 0], x[:, : self._degree] @ solved[: self._degree]
         return float(lever @ fitted / max(float(lever @ lever), 1e-30))

@@ -1,8 +1,8 @@
 """Coarse search: which rate and offset bring deflection and force together, over all that a bench may show.
 
-The bend, without what changes slowly, is correlated with both components of the force at every lag at once (by FFT),
-for rates on a logarithmic grid. The free regression on two components is late or early by some milliseconds, for
-friction goes with the wall's velocity; the shape-force law of `Fit` refines what is found here.
+The bend, without slow changes, is correlated with both components of the force at all lags together (by FFT),
+for rates on a logarithmic grid. The free regression on two components is late or early by some milliseconds, because
+friction follows the wall's velocity; the shape-force law of `Fit` refines this result.
 """
 
 import math
@@ -65,8 +65,8 @@ def search_clock(
         bend: (n,) the deflection's integral, rad.
         force_s: (m,) of the readings on their own clock, increasing, s.
         force_n: (m, 2) N; NaN where a reading is not plausible.
-        levers: (2,) what multiplies the force's x and y in the moment, as it usually is.
-        count: how many candidates of each kind.
+        levers: (2,) usual factors of the force's x and y in the moment.
+        count: number of candidates of each kind.
         rate: the only one that is tried, where a person states it.
     """
     plausible = np.isfinite(force_n).all(axis=1)
@@ -81,7 +81,7 @@ def search_clock(
     near = [trial for trial in rates if 1.0 / _NEAR_RATE <= trial <= _NEAR_RATE] if rate is None else rates
     for trial in [*near, *(trial for trial in rates if trial not in near)]:
         if trial not in near and max(each.score for kind in found for each in kind) > _ENOUGH:
-            break  # what fits so well beats at the right rate
+            break  # a fit as good as this has the right rate
         seconds = (time_s - time_s[0]) / trial
         own = np.arange(0.0, seconds[-1] + _STEP_S, _STEP_S)
         values, seen = _resampled(seconds, bend[:, None], own)
@@ -94,7 +94,7 @@ def search_clock(
         for kind, scores in zip(found, _scores(spectra[size], values, seen, levers, size), strict=True):
             high = scores > _NEAR_BEST * scores.max()
             tops = np.flatnonzero(high & (scores >= np.roll(scores, 1)) & (scores >= np.roll(scores, -1)))
-            # the bend's first sample lies at lag on the force's grid
+            # the first sample of the bend is at lag on the force's grid
             kind.extend(
                 Coarse(trial, float(time_s[0] / trial - lags[top] - start), float(scores[top])) for top in tops.tolist()
             )
@@ -131,7 +131,7 @@ def _resampled(at_s: FloatArray, values: FloatArray, grid: FloatArray) -> tuple[
 
 
 def _quick(values: FloatArray, seen: FloatArray) -> FloatArray:
-    """``values`` (n, k) without what changes slowly; 0 where nothing was seen."""
+    """Returns ``values`` (n, k) without slow changes; 0 where nothing was detected."""
 
     def mean(column: FloatArray) -> FloatArray:
         size = round(_SLOW_S / _STEP_S)
@@ -170,7 +170,7 @@ def _scores(
 
 
 def _distinct(found: list[Coarse], first_s: float, last_s: float, count: int) -> list[Coarse]:
-    """The best of those that lie apart at either end of the images."""
+    """Returns the best candidates that differ at either end of the images."""
     chosen: list[Coarse] = []
     for each in sorted(found, key=lambda candidate: -candidate.score):
         ends = [(t / each.rate - each.lag_s) for t in (first_s, last_s)]

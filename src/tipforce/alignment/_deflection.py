@@ -1,9 +1,9 @@
-"""The deflection of the shaft and the levers of a force on it, from detected shapes: what `estimate_clock` compares.
+"""The deflection of the shaft and the levers of a force on it, from detected shapes, for `estimate_clock`.
 
-The bell keeps out what is seen badly: w and its slope vanish at both ends, so no single point of the centreline counts
-for much, and the dome, where one flank turns into the other, does not count at all but for the lever. The levers are
-turned by one angle for all images, for the seen base turns with the bend and the sensor does not. They end where a
-ball of the shaft's diameter touches a wall that lies across the mean force.
+The bell reduces the weight of badly detected parts: w and its slope vanish at both ends, so no single point of the
+centreline has a large weight, and the dome, where one flank turns into the other, has a weight in the lever only. The
+levers are turned by one angle for all images, because the detected base turns with the bend and the sensor does not.
+They end where a ball of the shaft's diameter touches a wall across the mean force.
 """
 
 import math
@@ -18,18 +18,18 @@ from ..vision import DetectedShape
 _SEEN_WELL = 0.9
 """Share of the shaft's length that is used: the rest is the dome, seen five times worse."""
 _LIKELY, _FEW = (0.88, 1.04), 0.1
-"""What is seen of a catheter's known length: its base may be hidden, scale and length are known to a few percent."""
+"""Visible share of a catheter's known length: its base may be hidden, scale and length are known to a few percent."""
 _NEARLY = 0.96
 
 
 def shape_coordinates(
     shapes: Sequence[DetectedShape], *, flexible_share: float = 1.0, length_px: float | None = None
 ) -> FloatArray:
-    """(n, 4): B in rad; what multiplies the force's x and y in G, in px; how the lever's end weighs in them, in px.
+    """Returns (n, 4): B in rad; factors of the force's x and y in G, in px; weight of the lever's end in them, in px.
 
     NaN where nothing was found. ``flexible_share``: of the visible length, from the base; a rigid tip does not bend.
     ``length_px``: of the whole catheter, where it is known; a part at the base may be hidden. All centrelines are
-    brought to one length: what an image shows beyond it is something else, and where the rigid tip was not detected it
+    brought to one length: a longer line is another object, and where the rigid tip was not detected it
     is drawn on. The base frame's direction is the median one. The lever ends in the middle of the dome; the last column
     is the dome's radius times the integral of w.
     """

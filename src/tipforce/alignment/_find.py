@@ -25,7 +25,7 @@ class ForceCorrections:
     plausibility: ForcePlausibility = field(default_factory=ForcePlausibility)
 
     def carried(self, stamps_ns: IntArray) -> FloatArray:
-        """(n, 3) N, or (3,) zeros: what readings at ``stamps_ns`` show of the mass that the sensor carries."""
+        """Returns (n, 3) N, or (3,) zeros: the inertia of the carried mass in readings at ``stamps_ns``."""
         return carried_n(self.stage, self.inertia, stamps_ns)
 
 

@@ -21,25 +21,25 @@ OffsetChoice = Literal["auto", "none"] | float
 """Estimated; taken as zero; or stated in milliseconds (positive: the camera's clock is ahead)."""
 
 _APART_MS = 25.0
-"""Two maps that differ by less (and by less than five standard errors) do not contradict each other."""
+"""Two maps that differ by less (and by less than five standard errors) are consistent."""
 _APART_Z = 5.0
 _UNCERTAIN_Z = 3.0
-"""Standard errors of both, by which an uncertain deflection contradicts the stage; NaN where it gives no map."""
+"""Distance in standard errors of both at which an uncertain deflection conflicts with the stage."""
 _STAGE_STDERR_MS = 6.0
 """Standard error of the offset from the stage's movement in the force: over 8 simulated sessions it was off by 4 to
-15 ms, early by what the stage lags behind its commands."""
+15 ms, early by the lag of the stage behind its commands."""
 _FAR_MS = 250.0
 """From this offset on, the lag of the stage may be beyond those that are tried when the tare is found."""
 _MIN_RATE, _MAX_RATE = 1e-3, 1e3
 _IN_PLANE = 1e-3
 """An axis of the sensor with a smaller cosine to the image's plane does not act in it."""
 _MAX_TIED_MS = 30.0
-"""A deflection that tells the offset less well than this cannot show that camera and stage run on one clock."""
+"""Largest standard error of a deflection that can show that camera and stage run on one clock."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockChoice:
-    """What a person states of the clocks: the offset at the log's first row, and the rate; None: not stated.
+    """The stated clock map: the offset at the log's first row, and the rate; None: not stated.
 
     Raises:
         InputError: ``rate`` is no frame rate over another one.
@@ -67,7 +67,7 @@ class DetectedShapes:
 
 
 def find_clock(
-    sight: DetectedShapes,
+    detected: DetectedShapes,
     info: SessionInfo,
     stamps: IntArray,
     force: FloatArray,
@@ -81,15 +81,15 @@ def find_clock(
     """The clock map between camera and force log, and the inertia with the rate of the stage's clock.
 
     Args:
-        sight: what the images show.
+        detected: the shapes in the images.
         info: metadata of the session.
         stamps: (m,) of the force log.
         force: (m, 3) N, readings in the sensor's frame; NaN where there is no plausible one.
-        facts: how the force log is read.
-        choice: what a person states of the clocks.
+        facts: corrections of the force log.
+        choice: the stated clock map.
         remarks: sentences for the user are added to it.
         stage_shares: whether camera and stage are known to run on one clock, as where one program recorded both. Then
-            the stage's movement in the force tells the offset where the deflection does not.
+            the stage's movement in the force gives the offset where the deflection does not.
         nominal_rate: whether the images' stamps come from the frame rate of a file, which may be wrong: then the
             stage's movement gives the offset only where the deflection confirms the rate, or a person states it.
 
@@ -97,16 +97,16 @@ def find_clock(
         ``how="refused"`` with the reason where the map cannot be determined.
     """
     stated = stated_clock(choice, int(stamps[0]))
-    if stated is not None and not sight.shapes:
+    if stated is not None and not detected.shapes:
         return stated, facts.inertia
-    if sight.blind:
-        found, inertia = ClockMap(how="refused", detail=sight.blind), facts.inertia
+    if detected.blind:
+        found, inertia = ClockMap(how="refused", detail=detected.blind), facts.inertia
     else:
-        found, inertia = _estimated(sight, info, stamps, force, facts, None if stated else choice.rate)
+        found, inertia = _estimated(detected, info, stamps, force, facts, None if stated else choice.rate)
     if stated is not None:
-        if found.how == "estimated" and _contradict(found, stated, stamps):
+        if found.how == "estimated" and _conflicting(found, stated, stamps):
             remarks.append(
-                f"the stated clock map, {_text(stated, stamps)}, contradicts the deflection, which gives "
+                f"the stated clock map, {_text(stated, stamps)}, conflicts with the deflection, which gives "
                 f"{_text(found, stamps)}: the stated one is used; leave it out to use the other"
             )
         return stated, facts.inertia
@@ -116,10 +116,10 @@ def find_clock(
     if found.how == "estimated" and found.detail:
         remarks.append(found.detail)
     if found.how == "estimated" and choice.rate is None and found.rate != 1.0:
-        remarks.append(_rate_remark(found, sight.frame_ns))
+        remarks.append(_rate_remark(found, detected.frame_ns))
     if found.how == "estimated" and inertia.axes and inertia.rate == rate:
         stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
-        if _contradict(found, stage, stamps):
+        if _conflicting(found, stage, stamps):
             remarks.append(
                 f"the deflection gives a clock map of {_text(found, stamps)}, the stage's movement in the force "
                 f"{_text(stage, stamps)}: the stage's log does not run on the camera's clock, or the images are late; "
@@ -143,7 +143,7 @@ def stated_clock(choice: ClockChoice, first_ns: int) -> ClockMap | None:
 
 
 def _estimated(
-    sight: DetectedShapes,
+    detected: DetectedShapes,
     info: SessionInfo,
     stamps: IntArray,
     force: FloatArray,
@@ -153,9 +153,9 @@ def _estimated(
     """The map by the deflection; where the clocks differ in rate, the stage may run on either of them."""
     flexible, rigid = info.catheter.flexible_length_m, info.catheter.rigid_length_m
     share = flexible / (flexible + rigid) if flexible and rigid else 1.0
-    scale = info.view(sight.view).metres_per_px
+    scale = info.view(detected.view).metres_per_px
     length = (flexible + (rigid or 0.0)) / scale if flexible and scale else None
-    shape = shape_coordinates(sight.shapes, flexible_share=share, length_px=length)
+    shape = shape_coordinates(detected.shapes, flexible_share=share, length_px=length)
     matrix = (facts.sensor or SensorInfo()).matrix
     missing = np.isnan(force).all(axis=0)
     unread = missing & (np.abs(matrix[:2]).max(axis=0) > _IN_PLANE)
@@ -171,7 +171,7 @@ def _estimated(
         tared[:, missing] = 0.0
         stage = bool(inertia.axes)
         return estimate_clock(
-            sight.frame_ns,
+            detected.frame_ns,
             shape,
             stamps,
             tared @ matrix.T,
@@ -230,7 +230,7 @@ def _from_stage(
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
     stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
     if not seen and _apart_ms(found, stage, stamps) > _UNCERTAIN_Z * (found.stderr_ms + _STAGE_STDERR_MS):
-        both = f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, which contradicts it"
+        both = f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, a conflict"
         return ClockMap(how="refused", explained=found.explained, detail=both)
     if math.isnan(found.stderr_ms) and found.explained >= MIN_EXPLAINED:
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
@@ -243,7 +243,7 @@ def _from_stage(
     why = (
         f"the deflection, {found.offset_ms:+.1f} +- {found.stderr_ms:.1f} ms, agrees with it but is less certain"
         if seen
-        else f"the deflection does not tell it: {found.detail}"
+        else f"the deflection does not show it: {found.detail}"
     )
     remarks.append(
         f"the clock offset, {1e-6 * inertia.lag_ns:+.1f} ms, is taken from the stage's movement in the force, good to "
@@ -258,7 +258,7 @@ def _apart_ms(found: ClockMap, other: ClockMap, stamps: IntArray) -> float:
     return float(np.abs(found.camera_ns(ends) - other.camera_ns(ends)).max()) * 1e-6
 
 
-def _contradict(found: ClockMap, other: ClockMap, stamps: IntArray) -> bool:
+def _conflicting(found: ClockMap, other: ClockMap, stamps: IntArray) -> bool:
     half_ms = 0.5e-6 * float(stamps[-1] - stamps[0])
     return _apart_ms(found, other, stamps) > max(_APART_MS, _APART_Z * (found.stderr_ms + found.rate_stderr * half_ms))
 

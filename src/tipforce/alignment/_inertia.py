@@ -1,4 +1,4 @@
-"""What a sensor that rides on a moving stage shows of its own load: mass times acceleration, taken out by the commands.
+"""Inertia of the load in the readings of a sensor on a moving stage, removed by the commands of the stage.
 
 The sensor carries tissue and plate. While the stage moves out of the tip's reach, its readings are
 
@@ -6,7 +6,7 @@ The sensor carries tissue and plate. While the stage moves out of the tip's reac
 
 with the accelerations a of the stage's commanded positions. The fit gives the level (the tare), a vector k for each
 axis (the carried mass times the axis's direction in the sensor's frame) and the lag between the force log's clock and
-the stage's movement, whatever delays it is made of. The same sum is then subtracted from every reading.
+the stage's movement, the sum of all delays. The same sum is then subtracted from every reading.
 """
 
 import math
@@ -24,14 +24,14 @@ _WINDOW, _DEGREE = 9, 4
 _BIN_S = 4e-3
 _EDGE_S = 0.05
 _MIN_GAIN = 60.0
-"""By so many variances of a binned reading the fit must lower the sum of squares, or else the stage's movement is not
-seen: some ten for each number that is fitted, for many lags are tried. A mass of which 1.7 mN are seen in noise of 3 mN
+"""Smallest decrease of the sum of squares by the fit, in variances of a binned reading; with less, the stage's movement
+is not detected: some ten for each fitted number, because many lags are tried. A mass with 1.7 mN in noise of 3 mN
 still turns the force on a nearly straight shaft by a tenth.
 """
 _TABLE = 4096
 """Instants of a beat."""
 _RATE_STEP_S, _AROUND_S = 0.02, 0.1
-"""Readings are averaged over the first, and compared with the stage so much before and after."""
+"""Readings are averaged over the first, and compared with the stage at the second before and after."""
 _TIP_BIN_S, _MAX_TIP_STEP_S, _MIN_TIP_BINS = 40e-3, 0.1, 50
 """The tip's positions are averaged over the first; neighbours further apart than the second count for nothing."""
 _FASTEST = 99.0
@@ -77,7 +77,7 @@ class StageMotion:
 
 
 def carried_n(stage: StageMotion, inertia: Inertia, stamps_ns: IntArray) -> FloatArray:
-    """(n, 3) N, or (3,) zeros: what readings at ``stamps_ns`` (n,) show of the mass that the sensor carries."""
+    """Returns (n, 3) N, or (3,) zeros: the inertia of the carried mass in readings at ``stamps_ns`` (n,)."""
     carried: FloatArray = np.zeros(3)
     if inertia.axes:
         carried = stage.acceleration(inertia.stage_ns(stamps_ns), inertia.axes) @ inertia.gain_kg
@@ -110,7 +110,7 @@ def fit_inertia(
     ``stamps_ns`` (n,), ``force_n`` (n, 3): readings as they are. Lags within +-``window_s`` of
     ``lag_ns`` (in the middle of the stretch, with the stage's clock at ``rate``) are tried. ``how="none"`` with the
     reason where the readings do not show the stage's movement; the tare is then their mean. Raises InputError
-    where fewer than a second of readings lies in the stretch.
+    where the stretch has less than a second of readings.
     """
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     axes = ~np.isnan(force_n).all(axis=0)
@@ -118,7 +118,7 @@ def fit_inertia(
     span = float(np.ptp(seconds[inside])) if inside.any() else 0.0
     if span < 1.0:
         raise InputError(
-            f"tare=({stretch_s[0]:g}, {stretch_s[1]:g}): {span:.2f} s of readings lie there, and the stage's inertia "
+            f"tare=({stretch_s[0]:g}, {stretch_s[1]:g}): has {span:.2f} s of readings, and the stage's inertia "
             f"needs one second; the force log runs from 0 to {seconds[-1]:.1f} s"
         )
     number = np.floor((seconds[inside] - seconds[inside][0]) / _BIN_S).astype(np.int64)

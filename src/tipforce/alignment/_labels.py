@@ -37,9 +37,9 @@ def labels(
 ) -> Labels:
     """Force at every frame, linear in time: clock map applied, tare and inertia subtracted, turned into the base frame.
 
-    ``camera``: None for the first view. NaN where the readings around a frame lie more than ``max_gap_s`` apart or on
-    one side only. ``later_s``: the force so much later than each frame, to tell how fast it changes. The force series
-    is read chunk by chunk. Raises InputError where readings are in the sensor's frame and nobody stated its pose, or
+    ``camera``: None for the first view. NaN where the readings around a frame are more than ``max_gap_s`` apart or on
+    one side only. ``later_s``: delay of the force after each frame, to find its rate. The force series
+    is read chunk by chunk. Raises InputError where readings are in the sensor's frame and its pose is not stated, or
     where the clock map could not be determined.
     """
     info = reader.info
@@ -81,7 +81,7 @@ def label_log(
 
 
 def covered_frames(frame_ns: IntArray, force_ns: IntArray) -> BoolArray:
-    """(n,) whether a frame lies on a reading, or between two that are not too far apart; both sorted, on one clock.
+    """Returns (n,) whether a frame is on a reading or between two near ones; both are sorted, on one clock.
 
     >>> covered_frames(np.array([0, 10, 2000]), np.array([5, 20])).tolist()
     [False, True, False]

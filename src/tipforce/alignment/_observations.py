@@ -41,7 +41,7 @@ class Pairing:
             self._others[frame.view].append(frame)
 
     def forget_before(self, stamp_ns: int) -> None:
-        """Drop what no frame at or after ``stamp_ns`` needs."""
+        """Drops the frames that no frame at or after ``stamp_ns`` needs."""
         for frames in self._others.values():
             while len(frames) > 1 and frames[1].stamp_ns <= stamp_ns:
                 frames.popleft()
@@ -51,7 +51,7 @@ class Pairing:
         return all(frames and frames[-1].stamp_ns >= stamp_ns for frames in self._others.values())
 
     def views_of(self, frame: Frame) -> dict[str, Image]:
-        """``frame`` of the first view and what belongs to it; a view without such an image is absent."""
+        """Returns ``frame`` of the first view and its partners; a view without such an image is absent."""
         found = {self._views[0]: frame.image}
         for view, frames in self._others.items():
             stamps = np.array([other.stamp_ns for other in frames], np.int64)
@@ -72,7 +72,7 @@ def observations(
 
     Of each further view the image nearest in time, at most ``pair_s`` away, is in the same observation; where it was
     dropped, that view is absent. Actuation is interpolated linearly where a later reading, within ``WAIT_S`` of the
-    frame in stamps, is there, else the last one holds; names without any reading so far are absent. Frames wait for
+    frame in stamps, is there, else the last one holds; names without an earlier reading are absent. Frames wait for
     that reading and for their partners, never longer than events ``wait_s`` and ``pair_s`` later; a live loop passes
     ``wait_s=0``, and has the later reading where images arrive later than readings.
     """

@@ -102,7 +102,7 @@ def _zero_steps(stamps: IntArray, force: FloatArray, tare: Tare) -> list[ZeroSte
 
 
 def _with_steps(found: ForcePlausibility, stamps: IntArray, steps: list[ZeroStep], tare: Tare) -> ForcePlausibility:
-    """The findings with ``steps``; where one is not measured, what lies behind it, seen from the tare, is not used."""
+    """Returns the findings with ``steps``; readings behind an unmeasured one, seen from the tare, are not used."""
     seconds = (stamps - stamps[0]) * 1e-9
     tare_s = tare.stretches_s[0][0] if tare.stretches_s else 0.0
     unused = np.zeros(len(stamps), np.bool_)

@@ -1,4 +1,4 @@
-"""What the sensor shows without contact: from a stretch that a person states, or from the quiet stretches."""
+"""Readings of the sensor without contact: from a stretch that a person states, or from the quiet stretches."""
 
 import math
 
@@ -19,7 +19,7 @@ _QUIET = 0.08
 def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s: float) -> Tare:
     """The mean between ``start_s`` and ``end_s`` (seconds since the log's first row): (n,) stamps, (n, 3) readings.
 
-    Raises InputError where fewer than ten readings lie there.
+    Raises InputError where it has fewer than ten readings.
     """
     if not (math.isfinite(start_s) and math.isfinite(end_s)):
         raise InputError(f"tare=({start_s:g}, {end_s:g}): expected a stretch of time in seconds, as in (0, 5)")
@@ -28,7 +28,7 @@ def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s:
     inside = (seconds >= start_s) & (seconds <= end_s) & np.isfinite(force_n[:, axes]).all(axis=1)
     if inside.sum() < 10:
         raise InputError(
-            f"tare=({start_s:g}, {end_s:g}): only {int(inside.sum())} readings lie there; the force log runs from 0 to "
+            f"tare=({start_s:g}, {end_s:g}): has only {int(inside.sum())} readings; the force log runs from 0 to "
             f"{seconds[-1]:.1f} s"
         )
     mean, stderr = _mean(seconds[inside], force_n[inside])
@@ -39,8 +39,8 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
     """The mean of the quiet stretches of one level; ``how="none"`` with the reason where there is none.
 
     Quiet: a second or more in which every half second scatters by less than 8 % of the log's whole range. Of several
-    quiet levels those with forces on all sides of them are contact, and of what is left the earliest counts: a run
-    starts free.
+    quiet levels those with forces on all sides of them are contact, and the earliest of the others counts: a run
+    starts without contact.
     """
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     axes = ~np.isnan(force_n).all(axis=0)
@@ -56,7 +56,7 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
     bins = sums / np.maximum(filled, 1)[:, None]
     spread = np.linalg.norm(np.percentile(bins, 97.5, axis=0) - np.percentile(bins, 2.5, axis=0))
     if spread < 1e-9:
-        return Tare(detail="the force never changes: there is nothing to tell contact from its absence")
+        return Tare(detail="the force never changes: contact cannot be distinguished from its absence")
     runs = _quiet_runs(bins, filled > 0, float(spread))
     if not runs:
         return Tare(detail="no second in which the force is quiet: state a contact-free stretch, as in tare=(0, 5)")
@@ -107,7 +107,7 @@ def _levels(bins: FloatArray, runs: list[tuple[int, int]], spread: float) -> lis
 
 
 def _surrounded(bins: FloatArray, level: list[tuple[int, int]], spread: float) -> bool:
-    """True where forces lie on both sides of a level: contact only pushes, so it cannot be the free one."""
+    """True where forces are on both sides of a level: contact only pushes, so it cannot be the free one."""
     centre = np.median(np.concatenate([bins[first:last] for first, last in level]), axis=0)
     away = bins - centre
     _, axes = np.linalg.eigh(away.T @ away)

@@ -95,7 +95,7 @@ def pulling_force(
 ) -> ForceFinding | None:
     """Contact during the tare, as the images show it: with this tare the tissue pulls at the tip.
 
-    The clock offset may be unknown: the sum over the session hardly depends on it.
+    The clock offset may be unknown: the sum over the session is nearly the same for all offsets.
 
     Args:
         frame_ns: (n,) stamps of the images.
