@@ -22,8 +22,9 @@ def models() -> list[type[BaseModel]]:
     left = [BaseModel]
     while left:
         left += (below := left.pop().__subclasses__())
-        # a message goes out: what stands in it was checked before
-        found += [e for e in below if e.__module__.startswith("tipforce.") and not e.__name__.endswith("Message")]
+        # messages go out, and facts describe a fitted model: their values were computed, nobody states them
+        computed = ("Message", "Facts", "NetworkTraining")
+        found += [e for e in below if e.__module__.startswith("tipforce.") and not e.__name__.endswith(computed)]
     return found
 
 

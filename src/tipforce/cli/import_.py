@@ -68,8 +68,6 @@ def command(
     Example: tipforce import runs/*.mcap -o dataset/
 
     Example: tipforce import damaged.mcap -o recovered.mcap
-
-    Example: tipforce import run.mcap -o tared.mcap --tare 0:5
     """  # noqa: E501
     from ..io import is_bag
     from ..pipelines import describe_recording, import_session
