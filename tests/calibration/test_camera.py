@@ -76,7 +76,7 @@ def test_a_ruler_gives_the_scale_and_says_when_it_is_short() -> None:
     found = scale_from_ruler((0.0, 0.0, 300.0, 400.0), 100.0)
     assert found.value == pytest.approx(2e-4)
     assert found.doubt == ""
-    assert "only 50 px apart" in scale_from_ruler((0.0, 0.0, 50.0, 0.0), 10.0).doubt
+    assert "is only 50 px" in scale_from_ruler((0.0, 0.0, 50.0, 0.0), 10.0).doubt
     with pytest.raises(InputError, match="mark them farther"):
         scale_from_ruler((1.0, 1.0, 1.0, 1.0), 10.0)
 
@@ -90,6 +90,6 @@ def test_the_shaft_checks_the_scale(session: CalibrationSession) -> None:
     try:
         found = scale_from_diameter([session])
         assert found is not None
-        assert "-50% off the stated scale" in found.doubt
+        assert "-50% from the stated scale" in found.doubt
     finally:
         session.diameter_px[:] /= 2.0

@@ -100,7 +100,7 @@ def test_a_tip_that_differs_from_the_template_is_refused() -> None:
         assert Tracer(resolved).detect(_draw_image(turn, 40.0)).found
         sight = Tracer(resolved).detect(_draw_image(turn, 40.0, patch=250.0))
         assert sight.status is Status.CUT_OFF
-        assert "something covers it" in sight.detail
+        assert "an object covers it" in sight.detail
 
 
 def test_a_tip_template_that_no_image_fits_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -554,15 +554,15 @@ class NetworkStream:
         fitted = self._fitted
         if self._unlike:
             return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DISTRIBUTION, self._unlike)
-        image = observation.views.get(self._view)
-        if isinstance(image, np.ndarray) and is_white_noise(image):
-            said = "the image is noise: pixels that are side by side have nothing in common"
-            return ForceEstimate.invalid(observation.stamp_ns, Status.NO_CATHETER, said)
         row = read_inputs(self._reader, fitted.actuation, observation)
         if not isinstance(row, Abstention):
             row = unlike_training(observation, fitted.actuation_limits, self._actuation, self._info) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
+        image = observation.views.get(self._view)
+        if isinstance(image, np.ndarray) and is_white_noise(image):
+            detail = "the image is noise: neighbouring pixels are not correlated"
+            return ForceEstimate.invalid(observation.stamp_ns, Status.NO_CATHETER, detail)
         return fitted.graph(**{name: value[None] for name, value in row.items()})
 
 
