@@ -2,7 +2,7 @@
 
 >>> round(newtons_to_grams(0.2), 2)
 20.39
->>> round(newtons_from(20, "g"), 4)
+>>> round(grams_to_newtons(20), 4)
 0.1961
 """
 

@@ -228,7 +228,7 @@ def test_a_gap_longer_than_allowed_is_reported_where_it_is() -> None:
 @pytest.mark.skipif("TIPFORCE_REAL_DATA" not in os.environ, reason="TIPFORCE_REAL_DATA names no folder")
 def test_real_frames_are_found_and_agree_with_the_stored_curves() -> None:
     pytest.importorskip("skimage", reason="thinning as the source did it needs scikit-image")
-    figures = load("real_frames").measure(pathlib.Path(os.environ["TIPFORCE_REAL_DATA"]) / "tendon-manipulator")
+    figures = load("studies/real_frames").measure(pathlib.Path(os.environ["TIPFORCE_REAL_DATA"]) / "tendon-manipulator")
     tips = {"142": (156, 177), "171": (190, 149), "302": (305, 82), "487": (394, 112)}
     assert {name[:3] for name in figures["frames"]} == set(tips)
     for name, frame in figures["frames"].items():

@@ -130,8 +130,8 @@ class RecordingReader(ClosedAtExit):
         if is_foreign_metadata(self._file.metadata):
             self._file.close()
             raise FileFormatError(
-                f"{self.path}: was written by another program; make a recording of it, whose images and forces have the "
-                "stamps of their headers, with tipforce import FILE --bench bench.toml -o NEW.mcap"
+                f"{self.path}: was written by another program; make a recording of it, whose images and forces have "
+                "the stamps of their headers, with tipforce import FILE --bench bench.toml -o NEW.mcap"
             )
         self._topics: dict[str, tuple[int, str]] = {}
         for channel in self._file.channels.values():
