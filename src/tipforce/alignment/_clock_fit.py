@@ -92,7 +92,15 @@ class Force:
 
 
 def beat_hz(force: Force) -> float:
-    """The frequency of the heart's beat in the force, Hz."""
+    """Finds the heart rate in the force.
+
+    Args:
+        force: the force log, in newtons.
+
+    Returns:
+        Frequency in Hz of the highest peak of the force's spectrum within `_BEAT_HZ`; 1 where the spectrum has
+        no frequency in that range.
+    """
     step_s, values = force.even
     stride = max(1, round(0.02 / step_s))
     thin = values[:, ::stride] - values.mean(axis=1, keepdims=True)
@@ -156,7 +164,7 @@ class Data:
         return np.linalg.qr(np.hstack(columns))[0]
 
     def unit(self) -> float:
-        """A moment that makes powers of it comparable."""
+        """Returns a typical moment in N px; moments are divided by it so that their powers are of similar size."""
         force = np.std(self.force.at(self.time), axis=1).max()
         return max(float(force * np.abs(self.coordinates[:, 1:3]).max()), 1e-12)
 

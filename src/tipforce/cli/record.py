@@ -67,7 +67,7 @@ def command(
     stated = info_from_facts(fact) if fact else SessionInfo()
     guide = Guide() if guided else None
     recording = BenchRecording(bench, simulated=simulated, stated=stated, seconds=seconds, guide=guide, partial=partial)
-    with _asked_to_end(recording.stop):
+    with _stopped_by_signals(recording.stop):
         for line in recording.connect():
             say(line, "yellow")
         with _shown_live(recording):
@@ -78,8 +78,11 @@ def command(
 
 
 @contextmanager
-def _asked_to_end(stop: Callable[[], None]) -> Generator[None]:
-    """The first Ctrl-C, SIGTERM or SIGHUP ends the recording, with all that it has; the next one the program."""
+def _stopped_by_signals(stop: Callable[[], None]) -> Generator[None]:
+    """Calls ``stop`` at the first Ctrl-C, SIGTERM or SIGHUP, so that the recording is completed and kept.
+
+    A second Ctrl-C or SIGTERM ends the program. Outside the main thread signals are not handled.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -207,6 +207,10 @@ class WallObserver:
         return wall, h
 
     def _predict(self, dt_s: float) -> None:
+        """Moves state and covariance of all rates by ``dt_s`` seconds: breath and harmonics of the heart turn.
+
+        The constants, the rates and the gain keep their values; their covariance grows.
+        """
         x, count, size = self._x, *self._x.shape
         jacobian = np.tile(np.eye(size), (count, 1, 1))
         moved = x.copy()

@@ -151,7 +151,7 @@ def evaluate(
         ValueError: ``truth_n`` or ``bounds`` do not fit ``dataset``.
     """
     settings = settings or EvaluationSettings()
-    _check(dataset, methods, settings, truth_n, bounds)
+    _check_inputs(dataset, methods, settings, truth_n, bounds)
     everything, whole_truth_n = dataset, truth_n
     dataset = every_nth(everything, settings.every) if settings.every != 1 else everything
     if settings.samples is not None and "thesis" not in (settings.protocols or ()):
@@ -193,14 +193,26 @@ def evaluate(
     return replace(found, perturbed=_perturbed(found, data, settings.perturbed_frames, progress))
 
 
-def _check(
+def _check_inputs(
     dataset: Dataset,
     methods: Sequence[Method],
     settings: EvaluationSettings,
     truth_n: FloatArray | None,
     bounds: CramerRaoBounds | None,
 ) -> None:
-    """Raises before anything is trained."""
+    """Checks methods, ground truth and bounds before anything is trained.
+
+    Args:
+        dataset: n samples.
+        methods: methods to evaluate, with different names.
+        settings: settings of the evaluation; ``perturbed_frames`` requires images in the dataset.
+        truth_n: forces of the ground truth in newtons, in the shape of those of ``dataset``; None: there is none.
+        bounds: Cramer-Rao bounds of the n samples; they require ``truth_n``.
+
+    Raises:
+        InputError: methods are missing or two have the same name, or the dataset has no images.
+        ValueError: ``truth_n`` or ``bounds`` do not fit the dataset.
+    """
     if not methods:
         raise InputError("there is no method to evaluate; name one, for example svr")
     labels = [method.label for method in methods]

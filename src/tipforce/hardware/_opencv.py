@@ -106,9 +106,13 @@ class OpenCvCamera(Driver):
         self._stamped = 0
         """Number of successive images with a stamp on the monotonic clock; below 0 after one without."""
         self._delay_s = 0.0
+        """Mean age in seconds of the driver's stamps when an image is read."""
         self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
         self._host_ahead_ns = 0
+        """Time by which the clock of the host is ahead of the monotonic one."""
         self._awake_ns: int | None = None
+        """Time of the last wake-up of the computer, on the clock of the host: images taken before it are older than
+        their stamps show. None if it has not slept."""
         self._fields = FieldCheck(view, self._where, deinterlace=config.deinterlace)
         self._stream: NetworkStream | None = None
         if open_capture is None and isinstance(config.device, str) and "://" in config.device:
@@ -210,22 +214,16 @@ class OpenCvCamera(Driver):
         return (Frame(taken_ns - round(self.config.stamp_latency_ms * 1e6), upright, self.view),)
 
     def _taken_ns(self) -> int | None:
-        """Returns the driver's stamp on the clock of the host: V4L2 states the monotonic time of the exposure.
+        """Returns when the newest image was taken, in ns on the clock of the host; None without a valid stamp.
 
-        None where it states none. Images that were taken before the computer slept are older than their stamps show:
-        ``_awake_ns`` is the time of its last wake-up, None if it has not slept.
+        V4L2 stamps an image with the monotonic time of its exposure. Updates the mean delay and the last wake-up.
         """
         import cv2
 
         assert self._clock is not None
         taken_s = 1e-3 * float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
         age_s = time.monotonic() - taken_s
-        if 0 <= self._stamped < MIN_STAMPED_IMAGES:
-            self._stamped = self._stamped + 1 if -MAX_STAMP_AHEAD_S <= age_s <= MAX_STAMP_AGE_S else -1
-        elif self._stamped >= MIN_STAMPED_IMAGES and age_s < -MAX_STAMP_AHEAD_S:
-            self.counts["stampless"] += 1
-            self._stamped = -1
-        if self._stamped < MIN_STAMPED_IMAGES:
+        if not self._trusts_stamps(age_s):
             return None
         self._delay_s += 0.02 * (age_s - self._delay_s)
         ahead_ns = monotonic_to(self._clock)
@@ -233,6 +231,18 @@ class OpenCvCamera(Driver):
             self._awake_ns = self._clock.now_ns()
         self._host_ahead_ns = ahead_ns
         return round(taken_s * 1e9) + ahead_ns
+
+    def _trusts_stamps(self, age_s: float) -> bool:
+        """Returns whether the driver's stamps are used, after a stamp that is ``age_s`` seconds old.
+
+        They are used after `MIN_STAMPED_IMAGES` valid ones; after an invalid one they are not used until `connect`.
+        """
+        if 0 <= self._stamped < MIN_STAMPED_IMAGES:
+            self._stamped = self._stamped + 1 if -MAX_STAMP_AHEAD_S <= age_s <= MAX_STAMP_AGE_S else -1
+        elif self._stamped >= MIN_STAMPED_IMAGES and age_s < -MAX_STAMP_AHEAD_S:
+            self.counts["stampless"] += 1
+            self._stamped = -1
+        return self._stamped >= MIN_STAMPED_IMAGES
 
     def close(self) -> None:
         """Releases the camera."""

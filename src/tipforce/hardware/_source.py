@@ -186,9 +186,12 @@ class HardwareSource:
         self.clock: Clock = clock or SystemClock(START_NS)
         self.stopped = threading.Event()
         self._changed = threading.Condition()
+        """Lock of the queues; notified when an event has come or the state of a device has changed."""
         self._order = 0
+        """Number of events that have come, which gives each its place in the order of arrival."""
         self._force = ForceMonitor(self.session_info.sensor.range_n)
         self._ends_ns: int | None = None
+        """Time on ``clock`` at which iteration ends; None: only `stop` ends it."""
         self._streams: dict[str, _Stream] = {}
         for driver in drivers:
             for declared in driver.streams:

@@ -40,20 +40,28 @@ class CameraWatch:
 
     def __init__(self, view: str, settings: LiveSettings) -> None:
         self.view, self._settings = view, settings
-        self._last: Image | None = None
-        self._verdict: CameraState = "waiting"
-        self._arrived_ns: int | None = None
+        self._state: CameraState = "waiting"
+        """State after the newest image."""
+        self._last_image: Image | None = None
+        self._last_arrival_ns: int | None = None
+        """Arrival of the newest image, on the engine's clock."""
         self._fresh_ns: int | None = None
-        self._shape: tuple[int, ...] = ()
-        self._got = ""
+        """Mid-exposure of the last image without a fault, on the engine's clock."""
         self._ahead_ns = 0
+        """Time by which the mid-exposure of the newest image is later than its arrival."""
+        self._first_shape: tuple[int, ...] = ()
+        """(h, w) or (h, w, 3) of the first image; all later ones must have it."""
+        self._wrong_size = ""
+        """Description of the last image that had another size."""
         self._stamp_ns: int | None = None
-        self._intervals: deque[int] = deque(maxlen=PERIOD_INTERVALS)
+        """Stamp of the newest image, on the source's clock."""
+        self._intervals_ns: deque[int] = deque(maxlen=PERIOD_INTERVALS)
+        """Differences of successive stamps."""
 
     def restart(self) -> None:
         """Forgets rate and stamps after the source was opened again; the size must stay the same."""
-        self._stamp_ns, self._last = None, None
-        self._intervals.clear()
+        self._stamp_ns, self._last_image = None, None
+        self._intervals_ns.clear()
 
     def see(self, image: Image, stamp_ns: int, captured_ns: int, now_ns: int) -> CameraState:
         """Checks an image that arrives now.
@@ -67,16 +75,16 @@ class CameraWatch:
         Returns:
             "running", or the fault of the image.
         """
-        self._arrived_ns = now_ns
+        self._last_arrival_ns = now_ns
         if self._stamp_ns is not None and stamp_ns > self._stamp_ns:
-            self._intervals.append(stamp_ns - self._stamp_ns)
+            self._intervals_ns.append(stamp_ns - self._stamp_ns)
         self._stamp_ns = stamp_ns
         self._ahead_ns = max(0, captured_ns - now_ns)
-        self._verdict = "late" if self._ahead_ns > MAX_AHEAD_NS else self._judge(image)
-        self._last = image
-        if self._verdict == "running":
+        self._state = "late" if self._ahead_ns > MAX_AHEAD_NS else self._judge(image)
+        self._last_image = image
+        if self._state == "running":
             self._fresh_ns = captured_ns
-        return self._verdict
+        return self._state
 
     @property
     def limit_ns(self) -> int:
@@ -87,7 +95,7 @@ class CameraWatch:
     @property
     def period_s(self) -> float:
         """Median time between the last images in seconds; 0 before the second one."""
-        intervals = tuple(self._intervals)  # another thread adds and, when the source is reopened, clears them
+        intervals = tuple(self._intervals_ns)  # another thread adds and, when the source is reopened, clears them
         return statistics.median(intervals) * 1e-9 if intervals else 0.0
 
     @property
@@ -98,20 +106,22 @@ class CameraWatch:
     @property
     def deadline_ns(self) -> int | None:
         """Time at which the last good image becomes stale; None without one, or if a fault has ended it already."""
-        if self._fresh_ns is None or self._verdict in ("black", "wrong_size", "late"):
+        if self._fresh_ns is None or self._state in ("black", "wrong_size", "late"):
             return None
         return self._fresh_ns + self.limit_ns
 
     def fault(self, now_ns: int) -> Fault | None:
         """Returns the fault at ``now_ns``; None without a fault."""
         view = self.view
-        if self._arrived_ns is None:
+        if self._last_arrival_ns is None:
             return Fault("waiting", f"no image of the view {view} has come yet")
-        if self._verdict == "black":
+        if self._state == "black":
             silent = Fault("black", f"the view {view} is black: lens cap, light or exposure")
-        elif self._verdict == "wrong_size":
-            silent = Fault("wrong_size", f"the view {view} sends {self._got}; it began with {_size(self._shape)}")
-        elif self._verdict == "late":
+        elif self._state == "wrong_size":
+            silent = Fault(
+                "wrong_size", f"the view {view} sends {self._wrong_size}; it began with {_size(self._first_shape)}"
+            )
+        elif self._state == "late":
             silent = Fault(
                 "late",
                 f"the stamps of the view {view} are {self._ahead_ns * 1e-6:.0f} ms ahead of this machine's clock, so "
@@ -121,12 +131,12 @@ class CameraWatch:
             return None
         else:
             silent = None
-        silence_ns = now_ns - self._arrived_ns
+        silence_ns = now_ns - self._last_arrival_ns
         if silence_ns > self._settings.lost_s * 1e9:
             return Fault("lost", f"the view {view} has sent nothing for {silence_ns * 1e-9:.0f} s")
         if silent is not None:
             return silent
-        if self._verdict == "frozen" and silence_ns <= self.limit_ns:
+        if self._state == "frozen" and silence_ns <= self.limit_ns:
             return Fault("frozen", f"the view {view} sends the same image again and again")
         assert self._fresh_ns is not None
         age_ms = (now_ns - self._fresh_ns) * 1e-6
@@ -136,15 +146,15 @@ class CameraWatch:
         return Fault("late", f"the last image of the view {view} is {age_ms:.0f} ms old{slow}")
 
     def _judge(self, image: Image) -> CameraState:
-        if not self._shape:
-            self._shape = image.shape
-        if image.shape != self._shape:
-            self._got = _size(image.shape)
+        if not self._first_shape:
+            self._first_shape = image.shape
+        if image.shape != self._first_shape:
+            self._wrong_size = _size(image.shape)
             return "wrong_size"
         grid = image[::GRID_STEP_PX, ::GRID_STEP_PX]
         if float(np.percentile(grid, 99)) <= self._settings.black_level:
             return "black"
-        last = self._last
+        last = self._last_image
         if last is None or last.shape != image.shape or not np.array_equal(last[::GRID_STEP_PX, ::GRID_STEP_PX], grid):
             return "running"
         return "frozen" if np.array_equal(last, image) else "running"

@@ -33,6 +33,7 @@ def _title(axes: Axes, text: str, x: str, y: str) -> None:
 
 
 def _knob(axes: Axes, results: tuple[SessionResult, ...]) -> None:
+    """Draws the curvature in 1/m over the angle of the knob in degrees of all sessions, or why there is no such fit."""
     _title(axes, "knob: curvature without load", "angle of the knob, deg", "curvature, 1/m")
     knobs = [each.knob for each in results if each.knob is not None]
     if not knobs:

@@ -51,7 +51,9 @@ def inspect_image_file(
     resolved = detector.vision
     seen: Inspection = inspect_image(image, detector.detect, resolved, features)
     figures = {"file": str(path), **seen.figures(), "vision": resolved.model_dump()}
-    return InspectionResult(f"{_stated(resolved, vision)}\n{seen.text()}", figures, seen.drawing, image, resolved)
+    return InspectionResult(
+        f"{_settings_line(resolved, vision)}\n{seen.text()}", figures, seen.drawing, image, resolved
+    )
 
 
 def inspect_frames(
@@ -85,7 +87,7 @@ def inspect_frames(
     resolved = detector.vision
     figures = {"file": str(path), "every": every, **tally.figures(), "vision": resolved.model_dump()}
     return InspectionResult(
-        f"{_stated(resolved, vision)}\n{tally.text()}", figures, tally.contact_sheet(), first.image, resolved
+        f"{_settings_line(resolved, vision)}\n{tally.text()}", figures, tally.contact_sheet(), first.image, resolved
     )
 
 
@@ -136,7 +138,8 @@ def _as_stated(given: VisionSettings) -> ResolvedVision | None:
     return None if "auto" in (given.polarity, given.base_side) else ResolvedVision.stated(given)
 
 
-def _stated(resolved: VisionSettings | ResolvedVision, given: VisionSettings) -> str:
+def _settings_line(resolved: VisionSettings | ResolvedVision, given: VisionSettings) -> str:
+    """Returns one line that shows the vision settings in use, with advice where they were found automatically."""
     threshold = "automatic" if resolved.threshold is None else str(resolved.threshold)
     text = (
         f"settings   {resolved.method}, catheter {resolved.polarity}, base {resolved.base_side}, threshold {threshold}"

@@ -197,6 +197,11 @@ _ABOUT_FIELDS = ("session", "image_size", "clock_offset_s", "clock_drift", "valu
 
 
 def _arrays(truth: Truth | ViewTruth) -> dict[str, npt.NDArray[Any]]:
+    """Returns the fields of ``truth`` that the companion file keeps as arrays, by name.
+
+    A pose becomes (3, 4): rotation, and translation in m. The fields of `_ABOUT_FIELDS` and the other views are left
+    out: `write_truth` adds them.
+    """
     arrays: dict[str, npt.NDArray[Any]] = {}
     for name in (each.name for each in fields(truth)):
         value = getattr(truth, name)

@@ -96,15 +96,17 @@ def parse_times(cells: Sequence[str], order: DateOrder | None, dates: Sequence[s
     """Reads the times of the rows of a log.
 
     Args:
-        cells: (n,) texts, as "31.12.2026 23:59:59,123"; a time of day where no date is in them.
+        cells: (n,) texts, as "31.12.2026 23:59:59,123", or "23:59:59,123" without a date.
         order: order of day, month and year; None: found from the dates, where only one fits.
-        dates: (n,) texts of the dates, where they are in a column of their own.
+        dates: (n,) texts of the dates, where they are in another column; they replace the dates in ``cells``.
 
     Returns:
-        The stamps. Times of day continue after midnight.
+        The stamps in ns: since 1970 with dates, else since the first midnight, increasing beyond 24 h after the next
+        one. A time zone in a cell is subtracted; without one the stamps are in local time.
 
     Raises:
-        NoDate: a cell is no time; DateOutside: it is before 1970 or after 2037.
+        NoDate: a cell is no time.
+        DateOutside: a date is before 1970 or after 2037.
         AmbiguousDates: two orders of day and month fit, or none fits all dates.
     """
     clock_ns = np.empty(len(cells), np.int64)

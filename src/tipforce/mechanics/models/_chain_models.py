@@ -216,20 +216,21 @@ class RigidLinks:
     _chain: Chain = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Builds the chain: ``joints`` equal pieces with a hinge in the middle of each; links do not lengthen."""
         if self.joints < 1:
             raise ValueError(f"joints: expected at least 1, got {self.joints}")
         rod, n = self.rod, self.joints
-        edges = np.linspace(0.0, rod.flexible_length_m, n + 1)
-        h = rod.flexible_length_m / n
-        links = np.append(np.full(n - 1, h), 0.5 * h + rod.rigid_length_m)
+        edges_m = np.linspace(0.0, rod.flexible_length_m, n + 1)
+        piece_m = rod.flexible_length_m / n
+        links_m = np.append(np.full(n - 1, piece_m), 0.5 * piece_m + rod.rigid_length_m)
         chain = Chain(
-            np.full(n, h),
-            stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])),
-            mean_curvature(rod, edges),
-            rod.stiffening_curvature_per_m**-2,
-            links,
-            np.zeros(n),
-            np.zeros(n),
+            span_m=np.full(n, piece_m),
+            stiffness_nm2=stiffness_at(rod, 0.5 * (edges_m[1:] + edges_m[:-1])),
+            precurvature_per_m=mean_curvature(rod, edges_m),
+            soft=rod.stiffening_curvature_per_m**-2,
+            link_m=links_m,
+            give_m_per_n=np.zeros(n),
+            arc_m=np.zeros(n),
         )
         object.__setattr__(self, "_chain", chain)
 
@@ -267,13 +268,13 @@ class MassSpring:
         particles = np.linspace(0.0, rod.flexible_length_m, n + 1)
         stretch = 16 * stiffness_at(rod, middles[1:-1]) / self.diameter_m**2
         chain = Chain(
-            np.diff(middles),
-            stiffness_at(rod, particles),
-            mean_curvature(rod, middles),
-            rod.stiffening_curvature_per_m**-2,
-            np.append(np.full(n, h), rod.rigid_length_m),
-            np.append(h / stretch, 0.0),
-            np.zeros(n + 1),
+            span_m=np.diff(middles),
+            stiffness_nm2=stiffness_at(rod, particles),
+            precurvature_per_m=mean_curvature(rod, middles),
+            soft=rod.stiffening_curvature_per_m**-2,
+            link_m=np.append(np.full(n, h), rod.rigid_length_m),
+            give_m_per_n=np.append(h / stretch, 0.0),
+            arc_m=np.zeros(n + 1),
         )
         object.__setattr__(self, "_chain", chain)
 
@@ -313,13 +314,13 @@ class ConstantCurvature:
         links = np.zeros(n)
         links[-1] = rod.rigid_length_m
         chain = Chain(
-            np.diff(edges),
-            stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])),
-            mean_curvature(rod, edges),
-            rod.stiffening_curvature_per_m**-2,
-            links,
-            np.zeros(n),
-            np.diff(edges),
+            span_m=np.diff(edges),
+            stiffness_nm2=stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])),
+            precurvature_per_m=mean_curvature(rod, edges),
+            soft=rod.stiffening_curvature_per_m**-2,
+            link_m=links,
+            give_m_per_n=np.zeros(n),
+            arc_m=np.diff(edges),
         )
         object.__setattr__(self, "_chain", chain)
 

@@ -83,7 +83,15 @@ class Motion:
 class MotionProfile:
     """The motion of a session before its amplitude is known: (m,) each.
 
-    ``transmitted_deg``: the knob behind its play. ``drift``: relative drift of the curvature that follows from it.
+    Attributes:
+        time_s: time on the camera's clock.
+        knob_deg: angle of the knob.
+        transmitted_deg: angle that reaches the catheter, behind the play of the knob.
+        drift: relative drift of the curvature that follows from it.
+        curvature_per_m: curvature of the catheter without load.
+        wave: position of the wall along its normal, relative to the amplitude of the beat.
+        lateral: position of the wall to the side, relative to the same amplitude.
+        breath_m: position of the wall along its normal due to breath.
     """
 
     time_s: FloatArray
@@ -119,15 +127,15 @@ class MotionProfile:
 
 
 def compose_motion(bench_model: BenchModel, time_s: FloatArray, rng: np.random.Generator) -> MotionProfile:
-    """Composes knob, drift and waves.
+    """Draws the motion of one session: the knob, the catheter behind it, heart beat and breath.
 
     Args:
-        bench_model: the bench.
+        bench_model: parameters and settings of the session.
         time_s: (m,) evenly spaced times.
         rng: random numbers.
 
     Returns:
-        The motion profile.
+        The motion at these times; the beat is relative to an amplitude in m that is not known yet.
     """
     parameters, settings = bench_model.parameters, bench_model.settings
     knob = knob_trajectory(parameters, time_s, rng)

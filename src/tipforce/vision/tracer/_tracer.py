@@ -84,6 +84,17 @@ def _base_line(box: Box, side: BaseSide) -> tuple[BaseLine, float]:
             return BaseLine(u0, v1 - 1, 1, 0, u1 - u0, 0, -1), -math.pi / 2
 
 
+def _search_line(base: BaseLine, depth: int, every: int) -> BaseLine:
+    """Returns the line ``depth`` px inside ``base``, with only every ``every``-th of its pixels."""
+    return base._replace(
+        u=base.u + base.inward_u * depth,
+        v=base.v + base.inward_v * depth,
+        du=base.du * every,
+        dv=base.dv * every,
+        pixels=base.pixels // every,
+    )
+
+
 def _within(box: Box, outer: Box) -> Box:
     return max(box[0], outer[0]), max(box[1], outer[1]), min(box[2], outer[2]), min(box[3], outer[3])
 
@@ -322,27 +333,31 @@ class Tracer:
         return min((u - u0, "left"), (v - v0, "top"), (u1 - u, "right"), (v1 - v, "bottom"))[1]
 
     def _resize(self, height: int, width: int) -> None:
-        """Prepares for frames of another size."""
+        """Sets searched area, search lines and buffers for frames of ``height`` and ``width`` in px.
+
+        Leaves no search line where area or base line is too small, or the frame ends within 2 px inside the base line.
+        """
         settings = self.settings
         self._size = (height, width)
         self._lines = []
         whole = (0, 0, width, height)
         self._area = _within(settings.roi or whole, whole)
         region = _within(settings.base_region or self._area, self._area)
-        (u, v, du, dv, n, eu, ev), self._heading = _base_line(region, settings.base_side)
-        self._base_pixels = n
-        inner_u, inner_v = u + 2 * eu, v + 2 * ev
+        base, self._heading = _base_line(region, settings.base_side)
+        self._base_pixels = base.pixels
+        inner_u, inner_v = base.u + 2 * base.inward_u, base.v + 2 * base.inward_v
         inside = 0 <= inner_u < width and 0 <= inner_v < height
-        if min(*_extent(self._area), n) < MIN_SIDE_PX or min(_extent(region)) < 1 or not inside:
+        if min(*_extent(self._area), base.pixels) < MIN_SIDE_PX or min(_extent(region)) < 1 or not inside:
             return  # the kernels check no index
-        inward = region[2] - region[0] if eu else region[3] - region[1]
+        region_width, region_height = _extent(region)
+        inward_px = region_width if base.inward_u else region_height
         # every second pixel is enough for a thick shaft; a failed search is repeated on all pixels
         coarse = min(4, max(1, int((settings.diameter_px or 0.0) / 6.0)))
         passes = SEARCH_PASSES if coarse == 1 else ((0, coarse), *SEARCH_PASSES)
         self._lines = [
-            (depth, every, (u + eu * depth, v + ev * depth, du * every, dv * every, n // every, eu, ev))
+            (depth, every, tuple(_search_line(base, depth, every)))
             for depth, every in passes
-            if depth <= max(0, inward - 4)
+            if depth <= max(0, inward_px - 4)
         ]
         longest = max(height, width)
         self._line = np.zeros(longest)
