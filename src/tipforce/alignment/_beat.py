@@ -34,9 +34,9 @@ _BEAT_HZ = (0.4, 3.5)
 _STEP_S = 0.02
 """Step of the grid on which the beat is searched in the whole log."""
 _BLOCK_S, _MIN_BLOCKS = 4.0, 3
-_WEAK = 0.3
+MIN_BEAT_SHARE = 0.3
 """A block whose beat is weaker than this share of the median's does not count: no contact."""
-_MIN_BEATS = 2.0
+MIN_BEATS = 2.0
 """Smallest number of beats in the contact-free stretch."""
 _HARMONICS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 _SUBHARMONICS = (1, 2, 3)
@@ -158,7 +158,7 @@ def _pulse(seconds: FloatArray, values: FloatArray) -> _Pulse | str:
         )
         whole = parts.sum(axis=0)
         matched = parts @ np.conj(whole)
-        strong = np.abs(matched) > _WEAK * np.median(np.abs(matched))
+        strong = np.abs(matched) > MIN_BEAT_SHARE * np.median(np.abs(matched))
         if strong.sum() < _MIN_BLOCKS:
             return "the beat is not seen in the whole log"
         phase = np.unwrap(np.angle(matched[strong]))
@@ -183,14 +183,14 @@ def _repeating(seconds: FloatArray, values: FloatArray, hz: float) -> tuple[Floa
     step = -(-len(seconds) // _MAX_ROWS)
     seconds, values = seconds[::step], values[::step]
     span, rate = float(np.ptp(seconds)), len(seconds) / max(float(np.ptp(seconds)), 1e-9)
-    if span * hz < _MIN_BEATS:
-        return f"the contact-free stretch of {span:.1f} s holds fewer than {_MIN_BEATS:g} beats"
+    if span * hz < MIN_BEATS:
+        return f"the contact-free stretch of {span:.1f} s holds fewer than {MIN_BEATS:g} beats"
     highest = min(_MAX_HZ, rate / _READINGS_A_PERIOD)
     best, least = None, math.inf
     for divisor in _SUBHARMONICS:
         own = hz / divisor
         counts = [count for count in _HARMONICS if count >= divisor and own * count <= highest]
-        if span * own < _MIN_BEATS or not counts:
+        if span * own < MIN_BEATS or not counts:
             continue
         columns = np.column_stack([np.ones(len(seconds)), _columns(seconds, own, counts[-1])])
         squares, products = columns.T @ columns, columns.T @ values

@@ -16,7 +16,7 @@ from ..types import FloatArray
 
 _NEAR_RATE = 1.5
 """Rates from its inverse to it are searched first."""
-_ENOUGH = 0.6
+SUFFICIENT_SCORE = 0.6
 """Share of the bend's energy from which on no other rates are searched: over 8 simulated sessions wrong rates reached
 at most half of that of the right one."""
 _MAX_RATE = 10.0
@@ -80,7 +80,7 @@ def search_clock(
     rates = _rates(span, float(grid[-1])) if rate is None else [rate]
     near = [trial for trial in rates if 1.0 / _NEAR_RATE <= trial <= _NEAR_RATE] if rate is None else rates
     for trial in [*near, *(trial for trial in rates if trial not in near)]:
-        if trial not in near and max(each.score for kind in found for each in kind) > _ENOUGH:
+        if trial not in near and max(each.score for kind in found for each in kind) > SUFFICIENT_SCORE:
             break  # a fit as good as this has the right rate
         seconds = (time_s - time_s[0]) / trial
         own = np.arange(0.0, seconds[-1] + _STEP_S, _STEP_S)

@@ -15,11 +15,11 @@ from ..geometry import arc_length
 from ..types import BasePose, FloatArray
 from ..vision import DetectedShape
 
-_SEEN_WELL = 0.9
-"""Share of the shaft's length that is used: the rest is the dome, seen five times worse."""
-_LIKELY, _FEW = (0.88, 1.04), 0.1
+USED_LENGTH_SHARE = 0.9
+"""Share of the shaft's length that is used: the rest is the dome, whose errors are five times larger."""
+VISIBLE_SHARES, _FEW = (0.88, 1.04), 0.1
 """Visible share of a catheter's known length: its base may be hidden, scale and length are known to a few percent."""
-_NEARLY = 0.96
+MIN_NEAR_SHARE = 0.96
 
 
 def shape_coordinates(
@@ -39,7 +39,7 @@ def shape_coordinates(
         return rows
     middle = complex(turns.mean())
     angle_rad = float(np.angle(middle) + np.median(np.angle(turns * middle.conjugate())))
-    end = min(flexible_share, _SEEN_WELL)
+    end = min(flexible_share, USED_LENGTH_SHARE)
     diameters = np.array([shape.diameter_px for shape in shapes])
     known = diameters[np.isfinite(diameters)]
     radius = 0.5 * float(np.median(known)) if known.size else 0.0
@@ -55,7 +55,7 @@ def shape_coordinates(
         angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
         share = np.linspace(0.0, 1.0, len(points))
         bell = (1.0 - np.minimum((2.0 * share / end - 1.0) ** 2, 1.0)) ** 2
-        axis = points[-1] - points[int(_SEEN_WELL * (len(points) - 1))]
+        axis = points[-1] - points[int(USED_LENGTH_SHARE * (len(points) - 1))]
         lever = (points[-1] - radius * axis / np.linalg.norm(axis) - points) * share[1]
         weight = radius * share[1] * float(bell.sum())
         # by parts: angles are smoother than their differences
@@ -68,7 +68,7 @@ def _common_length(lines: Sequence[FloatArray], expected_px: float | None) -> fl
     lengths = np.array([float(arc_length(points)[-1]) for points in lines])
     if expected_px is not None:
         share = lengths / expected_px
-        likely = lengths[(share > _LIKELY[0]) & (share < _LIKELY[1])]
+        likely = lengths[(share > VISIBLE_SHARES[0]) & (share < VISIBLE_SHARES[1])]
         lengths = likely if likely.size >= _FEW * lengths.size else lengths
     return float(np.median(lengths)) if lengths.size else math.nan
 
@@ -76,10 +76,10 @@ def _common_length(lines: Sequence[FloatArray], expected_px: float | None) -> fl
 def _of_length(points: FloatArray, length: float, flexible_share: float) -> FloatArray | None:
     """``points`` cut, or drawn on straight where only rigid tip is missing, to ``length``; None where more is."""
     arc = arc_length(points)
-    if arc[-1] < length * min(_NEARLY, flexible_share - (1.0 - _NEARLY)):
+    if arc[-1] < length * min(MIN_NEAR_SHARE, flexible_share - (1.0 - MIN_NEAR_SHARE)):
         return None
     if arc[-1] < length:
-        axis = points[-1] - points[int(_SEEN_WELL * (len(points) - 1))]
+        axis = points[-1] - points[int(USED_LENGTH_SHARE * (len(points) - 1))]
         points = np.vstack([points, points[-1] + (length - arc[-1]) * axis / np.linalg.norm(axis)])
         arc = np.append(arc, length)
     even = np.linspace(0.0, length, len(points))

@@ -26,8 +26,8 @@ _STATED_SHARE = 0.2
 _WEIGHTS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 """Candidates for `TissueEvidence.weight`."""
 _USUAL_WEIGHT = 0.1
-"""Where no session that was held out states its tissue."""
-_LEAST_SHARE = 0.01
+"""Weight if no held-out session states its tissue."""
+MIN_CLASS_SHARE = 0.01
 _CENTRES = np.log(TISSUE_N_PER_M)
 
 
@@ -39,7 +39,10 @@ def log_softmax(logits: npt.NDArray[np.floating]) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class TissueEvidence:
-    """How images count as evidence. ``log_share`` (c,): of the classes in training; ``weight``: of an image."""
+    """Evidence of the images on the tissue.
+
+    ``log_share`` (c,): log shares of the classes in training; ``weight``: weight of an image.
+    """
 
     log_share: FloatArray
     weight: float
@@ -50,7 +53,7 @@ class TissueEvidence:
 
     @classmethod
     def of(cls, arrays: Arrays) -> "TissueEvidence | None":
-        """The inverse of `arrays`; None where a network knows no classes of tissue."""
+        """Makes the evidence from `arrays`; None for a network without classes of tissue."""
         if "tissue_log_share" not in arrays:
             return None
         share = stored_array(arrays, "tissue_log_share", (len(TISSUE_N_PER_M),), high=0.0)
@@ -58,10 +61,10 @@ class TissueEvidence:
 
 
 class TissueBelief:
-    """The classes' shares in one session, image by image.
+    """Shares of the tissue classes in one session, updated image by image.
 
     Args:
-        evidence: how images count.
+        evidence: weight of the images.
         stated_n_per_m: the tissue's stiffness as the session states it; None: not known, as in training.
     """
 
@@ -106,7 +109,7 @@ def fit_tissue_evidence(
         initial: of the model that it was fine-tuned from; its weight is kept where fewer than two sessions state their
             tissue.
     """
-    share = np.maximum(np.exp(log_softmax(logits)).mean(axis=0), _LEAST_SHARE)
+    share = np.maximum(np.exp(log_softmax(logits)).mean(axis=0), MIN_CLASS_SHARE)
     log_share = np.log(share / share.sum())
     stated = np.isfinite(log_stiffness)
     if len(np.unique(session[stated])) < 2:

@@ -46,7 +46,7 @@ _TYPICAL_STIFFNESS_NM2 = 4.3e-4
 """Stiffness of a slightly bent 7F ablation catheter (Khoshnam et al. 2012); start of ``fit`` when none is stated."""
 _STATED_WITHIN, _TYPICAL_WITHIN = 2.0, 10.0
 """Factors within which a stated stiffness is right, and the typical one where none is stated."""
-_MOST_OFFSET_PER_M = 20.0
+MAX_OFFSET_PER_M = 20.0
 _GAUSSIAN = gaussian_interval(
     _KNOWN,
     "stated uncertainties of detection and pre-curvature, as normal distributions; never compared with forces",
@@ -302,7 +302,7 @@ class RodModelEstimator(CentrelineEstimator):
             np.zeros(2),
             x_scale=[0.1, 1.0],
             diff_step=1e-3,
-            bounds=([-widest, -_MOST_OFFSET_PER_M], [widest, _MOST_OFFSET_PER_M]),
+            bounds=([-widest, -MAX_OFFSET_PER_M], [widest, MAX_OFFSET_PER_M]),
             max_nfev=15,
         )
         return float(np.exp(found.x[0])), float(found.x[1])
