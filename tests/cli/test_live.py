@@ -37,7 +37,8 @@ def test_a_video_is_estimated_as_it_plays_and_recorded(model: Path, video: Path,
     assert found["frames_in"] == 20
     assert found["unusable"] == 1  # two frames show nothing but ground, and are the same
     assert found["estimated"] + found["dropped"] == 19
-    assert found["valid"] >= found["estimated"] - 1 > 10
+    # the other frame of ground has no catheter, and the last image is stale if the source ends before its estimate
+    assert found["valid"] >= found["estimated"] - 2 > 10
     with open_recording(recording) as source:
         events = list(source.events())
     frames = [event for event in events if isinstance(event, Frame)]

@@ -120,7 +120,7 @@ def test_where_no_more_fits_the_recording_ends_with_what_is_kept_and_where(
     assert [each.name for each in tmp_path.iterdir()] == ["run.mcap.part"]
     with pytest.warns(UserWarning, match="recovered"), RecordingReader(Path(kept[2])) as reader:
         stamps = [each.stamp_ns for each in reader.estimates()]
-    assert (stamps[-1] - stamps[0]) * 1e-9 == pytest.approx(float(kept[1]), abs=0.06)
+    assert (stamps[-1] - stamps[0]) * 1e-9 == pytest.approx(float(kept[1]), abs=0.11)
 
 
 def test_a_recording_whose_folder_is_removed_says_that_nothing_is_kept(
