@@ -190,6 +190,11 @@ def _work(setup: _Setup, number: int, item: Any) -> Any:
 
 
 def _result(ray: Any, ref: Any) -> Any:
+    """Waits for the part of the work ``ref`` and returns its result; raises the error that its function raised.
+
+    Raises:
+        InputError: Ray lost the part with its workers too often.
+    """
     try:
         return ray.get(ref)
     except ray.exceptions.RayTaskError as error:

@@ -78,23 +78,24 @@ def find_clock(
     stage_shares: bool = False,
     nominal_rate: bool = False,
 ) -> tuple[ClockMap, Inertia]:
-    """The clock map between camera and force log, and the inertia with the rate of the stage's clock.
+    """Finds the clock map between camera and force log: the stated one, else by the deflection, else by the stage.
 
     Args:
         detected: the shapes in the images.
         info: metadata of the session.
-        stamps: (m,) of the force log.
+        stamps: (m,) ns, stamps of the force log.
         force: (m, 3) N, readings in the sensor's frame; NaN where there is no plausible one.
-        facts: corrections of the force log.
-        choice: the stated clock map.
-        remarks: sentences for the user are added to it.
+        facts: pose of the sensor, tare and inertia of the force log, and the motion of the stage.
+        choice: the stated clock map; its offset is "auto" if the map is to be found.
+        remarks: receives sentences for the user, as where two of these maps differ.
         stage_shares: whether camera and stage are known to run on one clock, as where one program recorded both. Then
             the stage's movement in the force gives the offset where the deflection does not.
         nominal_rate: whether the images' stamps come from the frame rate of a file, which may be wrong: then the
             stage's movement gives the offset only where the deflection confirms the rate, or a person states it.
 
     Returns:
-        ``how="refused"`` with the reason where the map cannot be determined.
+        The clock map, ``how="refused"`` with the reason where it cannot be determined; and the inertia, with the rate
+        of the stage's clock where the deflection gave it.
     """
     stated = stated_clock(choice, int(stamps[0]))
     if stated is not None and not detected.shapes:
@@ -105,10 +106,7 @@ def find_clock(
         found, inertia = _estimated(detected, info, stamps, force, facts, None if stated else choice.rate)
     if stated is not None:
         if found.how == "estimated" and _conflicting(found, stated, stamps):
-            remarks.append(
-                f"the stated clock map, {_text(stated, stamps)}, conflicts with the deflection, which gives "
-                f"{_text(found, stamps)}: the stated one is used; leave it out to use the other"
-            )
+            remarks.append(_stated_remark(found, stated, stamps))
         return stated, facts.inertia
     rate = choice.rate or 1.0
     nominal_rate = nominal_rate and choice.rate is None
@@ -120,12 +118,25 @@ def find_clock(
     if found.how == "estimated" and inertia.axes and inertia.rate == rate:
         stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
         if _conflicting(found, stage, stamps):
-            remarks.append(
-                f"the deflection gives a clock map of {_text(found, stamps)}, the stage's movement in the force "
-                f"{_text(stage, stamps)}: the stage's log does not run on the camera's clock, or the images are late; "
-                "the deflection is used"
-            )
+            remarks.append(_stage_remark(found, stage, stamps))
     return found, inertia
+
+
+def _stated_remark(found: ClockMap, stated: ClockMap, stamps: IntArray) -> str:
+    """Returns the sentence for a stated map that differs from that of the deflection, ``found``."""
+    return (
+        f"the stated clock map, {_text(stated, stamps)}, conflicts with the deflection, which gives "
+        f"{_text(found, stamps)}: the stated one is used; leave it out to use the other"
+    )
+
+
+def _stage_remark(found: ClockMap, stage: ClockMap, stamps: IntArray) -> str:
+    """Returns the sentence for a map by the stage that differs from that of the deflection, ``found``."""
+    return (
+        f"the deflection gives a clock map of {_text(found, stamps)}, the stage's movement in the force "
+        f"{_text(stage, stamps)}: the stage's log does not run on the camera's clock, or the images are late; "
+        "the deflection is used"
+    )
 
 
 def stated_clock(choice: ClockChoice, first_ns: int) -> ClockMap | None:

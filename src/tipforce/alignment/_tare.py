@@ -36,11 +36,19 @@ def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s:
 
 
 def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
-    """The mean of the quiet stretches of one level; ``how="none"`` with the reason where there is none.
+    """Finds the tare: the mean force of the stretches in which the force is quiet and nothing touches the tip.
 
     Quiet: a second or more in which every half second scatters by less than 8 % of the log's whole range. Of several
     quiet levels those with forces on all sides of them are contact, and the earliest of the others counts: a run
     starts without contact.
+
+    Args:
+        stamps_ns: (n,) stamps of the force log.
+        force_n: (n, 3) readings in newtons; NaN where there is none.
+
+    Returns:
+        The tare with its standard error in newtons and its stretches in seconds since the first reading;
+        ``how="none"`` with the reason where no such stretch is found.
     """
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     axes = ~np.isnan(force_n).all(axis=0)

@@ -142,6 +142,19 @@ def bound_ratios(
 def _binned(
     error: FloatArray, bound: FloatArray, use: BoolArray, by: FloatArray, edges: tuple[float, ...], unit: str
 ) -> list[dict[str, float | int]]:
+    """Compares errors with their Cramer-Rao bounds in bins of another quantity.
+
+    Args:
+        error: (n,) absolute errors in newtons.
+        bound: (n,) bounds of the standard deviation in newtons.
+        use: (n,) whether the sample counts.
+        by: (n,) quantity by which the samples are put in bins, in ``unit``.
+        edges: limits of the bins in ``unit``.
+        unit: unit of the quantity, for the names of the limits.
+
+    Returns:
+        For each bin its limits ``from_`` and ``below_``, and the result of `_ratio` for its samples.
+    """
     bins: list[dict[str, float | int]] = []
     for low, high in pairwise(edges):
         inside = use & (by >= low) & (by < high)
@@ -150,6 +163,7 @@ def _binned(
 
 
 def _ratio(error: FloatArray, bound: FloatArray, use: BoolArray) -> dict[str, float | int]:
+    """Returns count, ratio of error to bound (1: it is reached), and medians in newtons, of the samples in ``use``."""
     if not use.any():
         return {"n": 0} | dict.fromkeys(("ratio", "rms_ratio", "median_error_n", "median_bound_n"), math.nan)
     return {

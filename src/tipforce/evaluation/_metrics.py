@@ -27,7 +27,8 @@ FORCE_BINS_N = (0.0, 0.1, 0.3, 0.6, 1.0, math.inf)
 _BRIEF = {"n", "mae_n", "mae_g", "rmse_n", "max_n", "bias_n", "r2", "mean_percent_of_true", "coverage", "width_n"}
 """Metrics that are given for each session, force bin and contact state."""
 
-_LENGTHS = ("mae", "rmse", "max", "min", "bias")
+_NEWTON_METRICS = ("mae", "rmse", "max", "min", "bias")
+"""Metrics in newtons, which are also given in grams."""
 
 
 def percent_of_true(reference_n: FloatArray, estimate_n: FloatArray) -> FloatArray:
@@ -67,7 +68,7 @@ def error_metrics(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, 
     error = estimate - reference
     count = len(error)
     metrics: dict[str, float | int] = {"n": count}
-    newtons = dict.fromkeys(_LENGTHS, math.nan)
+    newtons = dict.fromkeys(_NEWTON_METRICS, math.nan)
     mse = r2 = of_range = math.nan
     if count:
         size = np.abs(error)

@@ -15,7 +15,8 @@ from ._summary import RecordingSummary
 
 _QUIET_N = 0.02
 """Range of the means of half seconds while nothing touches; with more the tare is begun again."""
-_HALF_S = 0.5
+_BLOCK_S = 0.5
+"""Duration of the blocks of readings whose means are compared."""
 _AGAIN = 3
 MIN_PRESSED_N = 0.05
 """Smallest force to be reached: some 5 g, a quarter of the force of an ablation."""
@@ -49,6 +50,7 @@ class Guide:
     """Follows the events of a session through ``phases``. Times are those of the events' stamps.
 
     ``tare_s``: the stretch without contact, in seconds since the first reading of force, once it was quiet.
+    ``level_n`` (3,): mean of the readings in the last tare, also where the force was not quiet.
     """
 
     phases: Sequence[Phase] = PHASES
@@ -114,20 +116,26 @@ class Guide:
 
     def _end(self, name: str) -> None:
         """The phase ``name`` is over: on to the next one, or again."""
-        if name == "tare" and not self._tared() and self._tries < _AGAIN:
+        if name == "tare" and not self._set_tare() and self._tries < _AGAIN:
             self._tries += 1
         else:
             self._place += 1
         self._began_ns = self._now_ns
         self._stamps, self._force = array("q"), array("d")
 
-    def _tared(self) -> bool:
+    def _set_tare(self) -> bool:
+        """Sets the level of the tare from the readings of the phase, and its stretch if the force was quiet.
+
+        Returns:
+            Whether it was: the means of half seconds, in newtons, differ by at most `_QUIET_N` on each axis. False
+            also without readings.
+        """
         if not self._stamps or self._first_force_ns is None:
             return False
         stamps, force = np.frombuffer(self._stamps, np.int64), np.frombuffer(self._force).reshape(-1, 3)
         seconds = (stamps - stamps[0]) * 1e-9
-        half = np.floor(seconds / _HALF_S).astype(np.int64)
-        means = np.array([force[half == number].mean(axis=0) for number in np.unique(half)])
+        block = np.floor(seconds / _BLOCK_S).astype(np.int64)
+        means = np.array([force[block == number].mean(axis=0) for number in np.unique(block)])
         self._spread_n = float(np.nanmax(np.ptp(means, axis=0)))
         self.level_n = force.mean(axis=0)
         if self._spread_n > _QUIET_N:

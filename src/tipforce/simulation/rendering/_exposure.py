@@ -46,10 +46,18 @@ class ImageTruth:
 
 
 def sample_exposure(shapes: FloatArray, count: int) -> FloatArray:
-    """(m, n, 3) shapes evenly spread over the exposure, first at its start, last at its end -> (count, n, 3).
+    """Interpolates the moving shape at ``count`` instants of one exposure, whose mean image has the blur of the camera.
 
-    Evenly spread about mid-exposure with the variance of the exposure itself, linear between the given ones. The
-    middles of equal parts would have less: their mean would be sharper than the image of the camera.
+    The instants are evenly spaced about mid-exposure, and their variance in time is that of the whole exposure. With
+    the middles of equal parts it would be smaller, and the image sharper than that of a camera.
+
+    Args:
+        shapes: (m, n, 3) positions of n points in metres at m evenly spaced instants, from the start of the exposure to
+            its end.
+        count: number of instants; 1: mid-exposure.
+
+    Returns:
+        (count, n, 3) positions in metres, linear between the given ones.
     """
     m = shapes.shape[0]
     if m == 1:

@@ -35,7 +35,8 @@ class SampledDevice:
 def catheter_of(settings: WorldSettings, seed: int, session: int) -> SampledDevice:
     """Returns the catheter of a session.
 
-    A catheter of a single session is not tested here: it is rejected with the session.
+    A catheter of several sessions is drawn again until one trial session with it reaches the wanted forces. A catheter
+    of a single session is drawn without this test: it is rejected with the session.
 
     Args:
         settings: settings of the world.
@@ -43,10 +44,10 @@ def catheter_of(settings: WorldSettings, seed: int, session: int) -> SampledDevi
         session: number of the session.
 
     Returns:
-        The catheter.
+        The catheter, with the number of draws that were rejected.
 
     Raises:
-        InputError: no draw of the catheter reaches the forces.
+        InputError: no draw of a catheter of several sessions reaches the wanted forces.
     """
     if settings.shaft.sessions_per_catheter == 1:
         return SampledDevice(sample_device(settings, seed, session))
