@@ -26,7 +26,7 @@ from tipforce.simulation.rendering.fluoroscope._detector import (
     frame_key,
     photon_tables,
     sample_photons,
-    with_lag,
+    sum_with_lag,
 )
 from tipforce.simulation.rendering.fluoroscope._scene import lag_weights
 from tipforce.simulation.rendering.fluoroscope._tube_kernels import add_tube, no_spans
@@ -260,9 +260,9 @@ def test_a_flash_fades_as_the_lag_says(scene: XrayScene) -> None:
     total = np.empty((8, 8), np.float32)
     for age in range(len(weights)):
         planes = [flash if k == age else dark for k in range(len(weights))]
-        with_lag(planes, weights, total)
+        sum_with_lag(planes, weights, total)
         np.testing.assert_allclose(total, 1000 * weights[age], rtol=1e-5)
-    with_lag([flash, flash], weights, total)  # what is not known is as now: as bright
+    sum_with_lag([flash, flash], weights, total)  # what is not known is as now: as bright
     np.testing.assert_allclose(total, 1000.0, rtol=1e-5)
 
 

@@ -319,6 +319,20 @@ class NetworkEstimator(FineTunable):
     def _prepared(
         self, dataset: Dataset, actuation: tuple[str, ...], folder: Path, report: Callable[[float], None]
     ) -> PreparedData:
+        """Prepares the inputs of the network for all samples of ``dataset`` and keeps them in ``folder``.
+
+        Args:
+            dataset: the training data; its masks give heatmaps where the network uses them.
+            actuation: names of the actuation values that are inputs.
+            folder: folder of the prepared arrays; they are used again for the same settings and sessions.
+            report: called with the finished share.
+
+        Returns:
+            The inputs of the samples that can be read.
+
+        Raises:
+            InputError: fewer than `MIN_SAMPLES` samples can be read.
+        """
         readers: dict[str, InputReader] = {}
 
         def read(session: str, observation: Observation, mask: Image | None) -> Arrays | Abstention:

@@ -177,6 +177,7 @@ def _clinical(update: LiveUpdate) -> dict[str, Any] | None:
 
 
 def _zero(zero: Zero, now_ns: int) -> dict[str, Any]:
+    """Returns the zero of the force as the page receives it; ages are relative to ``now_ns`` on the engine's clock."""
     return {
         "magnitude_n": number(zero.magnitude_n),
         "offset_n": _numbers(zero.offset_n),

@@ -13,7 +13,7 @@ from ._compositing import Buffers, compose, draw_tube, lay_phantom
 from ._pipeline import develop
 from ._scene import CameraScene
 from ._sensor_noise import add_noise, frame_key
-from ._static_layers import StaticLayers, paint
+from ._static_layers import StaticLayers, make_static_layers
 from ._tube_model import instrument_shape
 
 
@@ -41,7 +41,7 @@ class CameraRenderer:
     ) -> None:
         self.scene = scene
         self.camera = scene.camera(width, height) if camera is None else camera
-        self._layers = paint(scene, self.camera, length_m, tissue, width, height)
+        self._layers = make_static_layers(scene, self.camera, length_m, tissue, width, height)
         self._thread_local = threading.local()
 
     def render(

@@ -159,10 +159,22 @@ class StaticLayers:
     gauss: FloatImage
 
 
-def paint(
+def make_static_layers(
     scene: CameraScene, camera: CameraModel, length_m: float, tissue: TissueHome | None, width: int, height: int
 ) -> StaticLayers:
-    """Paint everything for images of ``width`` x ``height``."""
+    """Draws once all parts of the images of a session that do not move, and prepares the drawing of the tubes.
+
+    Args:
+        scene: appearance of the session.
+        camera: camera at the size of the images.
+        length_m: length of the catheter from the base to the tip.
+        tissue: the tissue at rest; None: the scene has no phantom.
+        width: width of the images in px.
+        height: height of the images in px.
+
+    Returns:
+        Images of background, light, foreground and phantom in grey levels, and the profiles of the tubes.
+    """
     channels = 3 if scene.colour else 1
     _, slopes = camera.project_with_slopes(np.zeros((1, 3)))
     px_per_m = float(np.sqrt(abs(np.linalg.det(slopes[0, :, :2]))))

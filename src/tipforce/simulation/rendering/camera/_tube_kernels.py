@@ -74,13 +74,24 @@ def add_tube(
     blunt: float,
     braid: FloatArray,
 ) -> None:
-    """Add ``weight`` times the tube to ``drawn`` (h, w, 1 + c): cover, then light times cover.
+    """Draws the tube at one instant of the exposure and adds it to the image.
 
-    ``nodes`` (n, 8), see `NODE_SIZE`; the last is the middle of the dome. ``table``, ``half_width``, ``reach``,
-    ``blurs`` (2,): a `TubeProfile`. ``start_m``, ``step_m``: arc length at the first node, between nodes; ``along``
-    (m, 2 c + 1): weights of matte light, metal light (c each) and gloss from arc length 0 on, `POINTS_PER_M` apart.
-    ``blunt``: exponent of the end's outline, 2 for a dome, more for a flatter end. ``braid`` (3,): how much lighter and
-    darker the shaft's braid is, its turns per metre (radians) and its strands over half the circumference.
+    Args:
+        drawn: (h, w, 1 + c) image to which it is added: the share of a pixel that the tube covers, and its light times
+            this share in c colours.
+        nodes: (n, 8) nodes of the axis in px, see `NODE_SIZE`; the last one is the middle of the dome.
+        weight: share of the instant in the exposure.
+        table: ``table`` of a `TubeProfile`.
+        half_width: its half width in px.
+        reach: its reach in px.
+        blurs: (2,) its smallest and largest blur in px.
+        start_m: arc length at the first node.
+        step_m: arc length between two nodes.
+        along: (m, 2 c + 1) weights of matte light and metal light (c each) and of gloss along the tube, from arc length
+            0 on, `POINTS_PER_M` for each metre.
+        blunt: exponent of the outline of the end: 2 for a dome, more for a flatter end.
+        braid: (3,) relative change of light by the braid of the shaft, its turns in radians for each metre, and its
+            strands over half the circumference.
     """
     h, w = drawn.shape[:2]
     c = drawn.shape[2] - 1

@@ -162,10 +162,14 @@ def _add(total: FloatImage, counts: PhotonCounts, weight: float, fresh: bool) ->
                 out[u] += share * np.float32(row[u])
 
 
-def with_lag(planes: Sequence[PhotonCounts], weights: FloatArray, total: FloatImage) -> None:
-    """``planes``: this frame's photons, then those of the frames before it, as far as there are any.
+def sum_with_lag(planes: Sequence[PhotonCounts], weights: FloatArray, total: FloatImage) -> None:
+    """Writes into ``total`` the signal of a frame: its photons, and the lag of the frames before it.
 
-    The lag of frames that do not exist is taken from this one, so that the brightness is the same.
+    Args:
+        planes: (h, w) photons of this frame, then of those before it, the newest first; at most one for each weight.
+        weights: shares of the frames in the signal, whose sum is 1. Those of missing frames are added to this frame's,
+            so that the brightness stays the same.
+        total: (h, w) receives the signal in photons.
     """
     known = weights[: len(planes)].copy()
     known[0] += 1.0 - known.sum()

@@ -21,12 +21,12 @@ from ._detector import (
     photon_tables,
     read_out,
     sample_photons,
-    with_lag,
+    sum_with_lag,
 )
 from ._instruments import swayed
 from ._light import BLOCK, ScatterAndGlare, direct_light, soft_layers
 from ._scene import XrayScene, lag_weights
-from ._static_layers import paint
+from ._static_layers import make_static_layers
 from ._tube_kernels import fold_instant, join_taken, no_spans
 
 FloatImage = npt.NDArray[np.float32]
@@ -107,7 +107,7 @@ class XrayRenderer:
             )
         self.scene, self.view, self.bits = scene, view, bits
         self._plane = scene.views[view]
-        self._layers = paint(scene, view, length_m, width, height)
+        self._layers = make_static_layers(scene, view, length_m, width, height)
         self._weights = lag_weights(self._plane.detector)
         self._veil = ScatterAndGlare.of(self._plane.detector, self._layers.px_per_m, (height // BLOCK, width // BLOCK))
         self._tables = photon_tables()
@@ -146,7 +146,7 @@ class XrayRenderer:
         known = list(before)[-self.memory :] if self.memory else []
         planes = [self._photon_counts(pulse) for pulse in (*known, now)][::-1]
         buffers, detector = self._buffers(), self._plane.detector
-        with_lag(planes, self._weights, buffers.light)
+        sum_with_lag(planes, self._weights, buffers.light)
         signal = blurred(buffers.light, detector, self._finer)
         image: GreyImage
         image = np.empty(signal.shape, np.uint8) if self.bits == 8 else np.empty(signal.shape, np.uint16)

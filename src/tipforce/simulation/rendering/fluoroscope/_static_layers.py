@@ -55,7 +55,7 @@ class StaticLayers:
     heart_px: FloatArray
 
 
-def paint(scene: XrayScene, view: int, length_m: float, width: int, height: int) -> StaticLayers:
+def make_static_layers(scene: XrayScene, view: int, length_m: float, width: int, height: int) -> StaticLayers:
     """Paint everything that ``view`` sees for images of ``width`` x ``height``."""
     plane = scene.views[view]
     camera, patient = scene.camera(view, width, height), plane.true.camera(width, height)
