@@ -1,6 +1,6 @@
 """Draws frames.svg: the frames of reference and the signs of forces, on a shape that the mechanics computed.
 
-Run from the project's root: python docs/figures/make_frames.py
+Run from the project's root: python -m docs.figures.make_frames
 """
 
 import math
@@ -14,8 +14,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Arc, FancyArrowPatch, Polygon, Rectangle
+from tests.oracles.planar_rod import solve_static
 
-from tipforce.mechanics import Rod, Wall, solve_contact
+from tipforce.mechanics import PlanarRod
 
 INK, GREY, BLUE, RED, GREEN, SENSOR = "#1c2733", "#76828d", "#1f6fb4", "#c8322b", "#2b7a4b", "#8a5a00"
 SILICONE, SILICONE_EDGE, STEEL = "#f3d3c9", "#c99a8b", "#dde2e7"
@@ -24,6 +25,8 @@ RADIUS = 1.5
 TURN = math.radians(5.0)
 """Turn of the base in the image, as on a real bench."""
 WALL_DEG, SENSOR_DEG = 52.0, 52.0
+FORCE_N = np.array([-0.197, -0.153])
+"""Force of a wall at 52 degrees with some friction on the tip, base frame."""
 
 
 def polar(angle: float, length: float = 1.0) -> np.ndarray:
@@ -32,14 +35,10 @@ def polar(angle: float, length: float = 1.0) -> np.ndarray:
 
 
 def shape() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unloaded and loaded centreline (200, 2) in mm, and the force on the tip (2,) in N; base frame."""
-    rod = Rod(0.040, 4.3e-4, 0.008, 12.0)
-    wall = Wall(math.radians(WALL_DEG), 120.0, friction=0.25)
-    start = rod.nodes_m(rod.unloaded_angles_rad)[-1] @ polar(wall.angle_rad) + 1e-3
-    push = np.linspace(0.0, 10e-3, 100)
-    contact = solve_contact(rod, wall, start - push, 0.3 * push, 1e-3, 1.165e-3)
-    free, bent = (rod.centreline_m(angles, 200) * 1e3 for angles in (rod.unloaded_angles_rad, contact.angles_rad[-1]))
-    return free, bent, contact.force_n[-1]
+    """Returns unloaded and loaded centreline (200, 2) in mm, and the force on the tip (2,) in N; base frame."""
+    rod = PlanarRod(0.040, 4.3e-4, 0.008, 12.0)
+    free, bent = (solve_static(rod, force).centreline_m(200) * 1e3 for force in (np.zeros(2), FORCE_N))
+    return free, bent, FORCE_N
 
 
 def turned(points: np.ndarray, angle: float = TURN) -> np.ndarray:
