@@ -269,8 +269,15 @@ class Fit:
         return solved
 
     def best(self, max_tilt_s: float) -> Tilted:
-        """The most likely shift and tilt; a tilt of 0 where ``max_tilt_s`` is."""
-        ones = np.ones((1, self.count))
+        """Finds the most likely shift and tilt of the clock: on a grid, then on six finer grids about its best point.
+
+        Args:
+            max_tilt_s: largest tilt in seconds that is tried; 0: the tilt is 0.
+
+        Returns:
+            Shift and tilt in seconds, see `Tilted`.
+        """
+        ones = np.ones((1, self.count))  # all blocks have the same weight
         tilts = np.linspace(-max_tilt_s, max_tilt_s, _STEPS) if max_tilt_s else np.zeros(1)
         grid = [[(float(shift), float(tilt)) for shift in self.shifts] for tilt in tilts]
         heights = np.array([self.profile(ones, row)[0] for row in grid])

@@ -298,6 +298,7 @@ class XrayImaging:
         return cast("Image", image)  # 8 bits
 
     def _pulse(self, number: int) -> Pulse:
+        """Returns the input of the image of frame ``number``; the last `_KEPT_PULSES` new ones are kept."""
         if number not in self._pulses:
             time_s = float(self._times_s[number])
             shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, _XRAY_EXPOSURE_INSTANTS)

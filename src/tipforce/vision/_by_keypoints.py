@@ -34,15 +34,39 @@ def _within(points: FloatArray, box: Box | None, diameter_px: float) -> bool:
     return bool(((points >= np.array(box[:2]) - margin) & (points <= np.array(box[2:]) + margin)).all())
 
 
+def _fits(line: Located, nominal: tuple[float, float], stated: VisionSettings) -> bool:
+    """Returns whether a line has about the ``nominal`` length and is inside the stated regions.
+
+    Args:
+        line: the line of the networks.
+        nominal: length and diameter of the catheter in px.
+        stated: settings with the regions.
+    """
+    length_px, diameter_px = nominal
+    return (
+        MIN_LENGTH_SHARE * length_px < line.length_px < MAX_LENGTH_SHARE * length_px
+        and _within(line.points, stated.roi, diameter_px)
+        and _within(line.points[:1], stated.base_region, diameter_px)
+    )
+
+
 def find_by_keypoints(
     settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo,
     traced: ResolvedVision | None, *, whole: bool,
 ) -> ResolvedVision | None:  # fmt: skip
-    """Finds the catheter in ``frames`` of one session by the networks; None where they are not sure of it.
+    """Finds the catheter in the images of one session by the networks.
 
-    ``stated``: ``settings`` with the session metadata of the view. ``traced``: the tracer's result: kept for images
-    in which both are sure of the same line, else given up. ``whole``: the images are from all over the session, so that
-    the catheter must have moved in some.
+    Args:
+        settings: settings of the detection.
+        stated: ``settings`` with the session metadata of the view.
+        frames: images of the session.
+        info: metadata of the session.
+        traced: settings that the tracer found; kept where tracer and networks find the same line. None: it found none.
+        whole: whether the images are from all parts of the session, so that the catheter must have moved in some.
+
+    Returns:
+        The settings with the base in px and the length in px that the networks found; None where too few images have a
+        probable line, or the line does not move.
     """
     nominal = nominal_px(info, stated.view)
     if nominal is None or len(frames) < MIN_FRAMES:
@@ -51,34 +75,26 @@ def find_by_keypoints(
     sides = SIDES if stated.base_side == "auto" else (stated.base_side,)
     best: tuple[float, BaseSide, list[Located | None], FloatArray, float] | None = None
     for side in sides:
-        lines = [locate(frame, side, length_px, diameter_px, settings.points) for frame in frames]
-        lines = [
-            line
-            if line is not None
-            and MIN_LENGTH_SHARE * length_px < line.length_px < MAX_LENGTH_SHARE * length_px
-            and _within(line.points, stated.roi, diameter_px)
-            and _within(line.points[:1], stated.base_region, diameter_px)
-            else None
-            for line in lines
-        ]
+        located = [locate(frame, side, length_px, diameter_px, settings.points) for frame in frames]
+        lines = [line if line is not None and _fits(line, nominal, stated) else None for line in located]
         found = [line for line in lines if line is not None]
         if len(found) < MIN_FRAMES:
             continue
         base, length = consensus(found)
-        sure = sum(probability(signs(line, length)) for line in found)
-        if best is None or sure > best[0]:
-            best = (sure, side, lines, base, length)
+        expected_right = sum(probability(signs(line, length)) for line in found)
+        if best is None or expected_right > best[0]:
+            best = (expected_right, side, lines, base, length)
     least = settings.least_probability
     if best is None:
         return None
     _, side, lines, base, length = best
-    sure = [line if line is not None and probability(signs(line, length)) >= least else None for line in lines]
-    kept = [line for line in sure if line is not None]
+    probable = [line if line is not None and probability(signs(line, length)) >= least else None for line in lines]
+    kept = [line for line in probable if line is not None]
     if len(kept) < max(MIN_FRAMES, _SHARE * len(frames)):
         return None
     if whole and stands_still(np.array([line.points for line in kept]), frames):
         return None
-    agrees = traced is not None and _agrees(Tracer(traced), frames, sure, diameter_px)
+    agrees = traced is not None and _agrees(Tracer(traced), frames, probable, diameter_px)
     prior = KeypointPrior(
         session=info.name,
         base_px=(round(float(base[0]), 2), round(float(base[1]), 2)),

@@ -370,7 +370,16 @@ class NetworkEstimator(FineTunable):
         return self
 
     def _set_interval(self, dataset: Dataset, sampling: str, report: Callable[[float], None]) -> None:
-        """Set the intervals on ``dataset``: whole held-out sessions, unless ``sampling`` says how it was drawn."""
+        """Fits the intervals of the fitted network to its errors on ``dataset``.
+
+        Args:
+            dataset: samples that the network was not trained on.
+            sampling: how the samples were drawn; empty: they are whole held-out sessions.
+            report: called with the finished share.
+
+        Raises:
+            InputError: no sample has an estimate.
+        """
         fitted = self._fitted()
         estimates = self.predict(dataset, report)
         valid = [index for index, estimate in enumerate(estimates) if estimate.valid]

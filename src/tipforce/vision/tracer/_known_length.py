@@ -104,6 +104,18 @@ def _group_evidence(
 
 @fast
 def _arc_score(flanks: np.ndarray, channels: int, blocks: int, turn: float, bend: float, floor: float) -> float:
+    """Returns the log-probability, up to a constant, that the shaft goes on along one arc.
+
+    It is the evidence of both flanks in groups of blocks, and a Gaussian prior about the extended axis.
+
+    Args:
+        flanks: (6, `BLOCKS`, `COLUMNS`) contrast in grey levels of left and right flank, channel after channel.
+        channels: number of colour channels.
+        blocks: number of blocks along the shaft in which flanks are searched.
+        turn: angle between arc and extended axis in radians.
+        bend: difference of their curvatures in 1 / radius of the shaft.
+        floor: contrast of the noise in grey levels.
+    """
     total = -0.5 * ((turn / LIKELY_TURN_RAD) ** 2 + (bend / LIKELY_BEND) ** 2)
     first = BEHIND + 1
     while first + 2 <= blocks:

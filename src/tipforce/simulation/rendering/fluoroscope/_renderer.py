@@ -136,11 +136,19 @@ class XrayRenderer:
         time_s: float = 0.0,
         before: Sequence[Pulse] = (),
     ) -> GreyImage:
-        """(h, w) image. ``frame`` picks the noise; ``time_s``: where heart, breath and instruments are.
+        """Draws the image of one X-ray pulse, with the lag of the pulses before it.
 
-        ``tissue``: where the heart's wall has moved to, and the heart's shadow with it; without it the heart beats by
-        the scene's own rhythm. ``before``: the pulses before this one, newest last, whose lag is still seen;
-        `memory` of them matter. The last ones that this thread has drawn are not drawn again.
+        Args:
+            shapes_m: (m, n, 3) axis of the catheter in metres at m instants evenly spread over the pulse, base frame.
+            tissue: position of the heart's wall, and with it of the heart's shadow; None: the heart beats in the rhythm
+                of the scene.
+            frame: number of the frame, from which the noise is drawn.
+            time_s: time that determines the position of heart, breath and instruments.
+            before: pulses before this one, newest last; only the last `memory` of them are visible. Those that this
+                thread has drawn recently are taken from its memory.
+
+        Returns:
+            (h, w) image, uint8 or uint16 by the bits of the renderer.
         """
         now = Pulse(shapes_m, tissue, frame, time_s)
         known = list(before)[-self.memory :] if self.memory else []
