@@ -336,6 +336,15 @@ def _mass(results: Sequence[SessionResult]) -> list[Quantity]:
 
 
 def _knob(results: Sequence[SessionResult]) -> list[Quantity]:
+    """Combines the fits of the knob of all sessions.
+
+    Args:
+        results: results of the sessions.
+
+    Returns:
+        Gain in 1/m/deg, offset in 1/m and hysteresis in degrees. If the knob was at one angle only: the curvature there
+        in 1/m. Nothing without a fit.
+    """
     knobs = [each.knob for each in results if each.knob is not None]
     info = results[0].session.info
     if not knobs:

@@ -48,7 +48,15 @@ class ColumnTable(Table):
         log: LogInfo,
         key: str,  # type: ignore[type-arg]
     ) -> None:
-        super().__init__(path, Layout(tuple(arrays), "", 0), log, key)
+        """Takes the rows of the arrays that ``log`` states, all where it states none.
+
+        Args:
+            path: the file, for messages.
+            arrays: name of a column -> its (n,) values.
+            log: metadata of the log; ``lines`` are its first and last row, counted from 1.
+            key: section of ``bench.toml`` with this metadata, for messages.
+        """
+        super().__init__(path, Layout(header=tuple(arrays), separator="", above=0), log, key)
         first, last = self._lines
         rows = slice(first - 1, None if last == math.inf else int(last))
         self._first = first

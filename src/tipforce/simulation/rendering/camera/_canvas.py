@@ -25,7 +25,16 @@ class Patch:
 
     @classmethod
     def of(cls, shape: tuple[int, int], part: Part, values: FloatImage) -> "Patch":
-        """``values`` in ``part``, without borders that have nothing."""
+        """Makes a patch without the outer rows and columns whose values are all 0.
+
+        Args:
+            shape: rows and columns of the canvas.
+            part: rows and columns of the canvas that ``values`` cover.
+            values: share of each pixel that the thing covers, 0 to 1.
+
+        Returns:
+            The patch; it is empty if all values are 0.
+        """
         ends: list[slice] = []
         for axis in (1, 0):
             some = np.flatnonzero(values.any(axis=axis))
