@@ -375,7 +375,7 @@ class _Overlay:
         self.stack = ExitStack()
 
     def add(self, observation: Observation, estimate: ForceEstimate) -> None:
-        """Draw one frame and write it."""
+        """Draws one frame and writes it; the first one is kept until the second one gives the frame rate."""
         frame = Frame(observation.stamp_ns, self._drawn(observation, estimate))
         if self.writer:
             self.writer.write(frame)

@@ -21,7 +21,7 @@ class Inputs:
         settings: settings of the regression.
         actuation: names of the actuation, in order.
         detector: detector of the session.
-        shape: names that ready-made shape numbers must have, in order; None while training.
+        shape_names: names that ready-made shape numbers must have, in order; None while training.
     """
 
     def __init__(
@@ -29,21 +29,25 @@ class Inputs:
         settings: ShapeRegressorSettings,
         actuation: Sequence[str],
         detector: SessionDetector,
-        shape: Sequence[str] | None = None,
+        shape_names: Sequence[str] | None = None,
     ) -> None:
         self._settings, self._view = settings, settings.vision.view
         self._actuation, self._detector = tuple(actuation), detector
         self.shape: DetectedShape | None = None
         """Shape in the last image that was read."""
-        self._angles = None
+        self._angle_features = None  # numbers of the angle series, which come after the other shape numbers
         if settings.angles is not None:
-            self._angles = ShapeFeatureSettings(kind="legendre", degree=settings.angles.degree)
-        self._wanted = None if shape is None else tuple(shape)
+            self._angle_features = ShapeFeatureSettings(kind="legendre", degree=settings.angles.degree)
+        self._shape_names = None if shape_names is None else tuple(shape_names)
 
     def names(self, view: Image | ShapeFeatures) -> tuple[str, ...]:
         """Returns the names of the shape numbers of ``view``; the angle series comes after the others."""
         first = view.names if isinstance(view, ShapeFeatures) else feature_names(self._settings.features)
-        extra = () if self._angles is None else tuple(f"angle {name}" for name in feature_names(self._angles))
+        extra = (
+            ()
+            if self._angle_features is None
+            else tuple(f"angle {name}" for name in feature_names(self._angle_features))
+        )
         return (*first, *extra)
 
     def read(self, observation: Observation) -> FloatArray | Abstention:
@@ -65,19 +69,19 @@ class Inputs:
         values = shape_features(detected, self._settings.features)
         if isinstance(values, NoFeatures):
             return Abstention(values.status, values.detail)
-        if self._angles is not None:
-            more = shape_features(detected, self._angles)
+        if self._angle_features is not None:
+            more = shape_features(detected, self._angle_features)
             if isinstance(more, NoFeatures):
                 return Abstention(more.status, more.detail)
             values = np.concatenate([values, more])
         return values
 
     def _table(self, view: ShapeFeatures) -> FloatArray | Abstention:
-        if self._wanted is not None and self.names(view) != self._wanted:
+        if self._shape_names is not None and self.names(view) != self._shape_names:
             return Abstention(
                 Status.MISSING_INPUT,
                 f"the shape is given as {', '.join(view.names)}, but this model was trained with "
-                f"{', '.join(self._wanted)}",
+                f"{', '.join(self._shape_names)}",
             )
         if not np.isfinite(view.values).all():
             return Abstention(Status.NO_CATHETER, "the shape numbers of this sample are not finite")

@@ -37,6 +37,10 @@ class LinearBeam:
     _compliance: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Computes the unloaded shape, and how far every point moves for unit loads on the tip.
+
+        The compliance is (elements + 2, 2, 3): metres along x and y for 1 N along x, 1 N along y, and 1 N m about z.
+        """
         if self.elements < 1 or not self.diameter_m > 0:
             raise ValueError(f"a linear beam needs an element and a positive diameter, got {self}")
         rod, n = self.rod, self.elements

@@ -100,10 +100,24 @@ def match_template(
     image: Raster, template: np.ndarray, spline: Spline, straight: float, goal: float, half: float, work: np.ndarray,
     stations: np.ndarray, n: int,
 ) -> int:  # fmt: skip
-    """Adds stations up to ``goal`` along an arc that fits the template better; returns the number of all, or 0.
+    """Searches the arc along which the image is most like the template of the metal tip, and adds stations along it.
 
-    The spline is straight behind ``straight``. ``template``: (`TEMPLATE_ROWS`, `TEMPLATE_COLUMNS` x channels) grey
-    levels. ``work``: buffer of 4 x `TEMPLATE_ROWS`.
+    The arcs begin `ARC_RADII` before the tip. Stations after that point are replaced.
+
+    Args:
+        image: the frame.
+        template: (`TEMPLATE_ROWS`, `TEMPLATE_COLUMNS` x channels) grey levels, the first row at the tip.
+        spline: axis fitted to the stations.
+        straight: arc length in px from which on the spline is extended straight.
+        goal: arc length of the tip in px.
+        half: half of the shaft's width in px.
+        work: buffer of 4 x `TEMPLATE_ROWS` numbers.
+        stations: (k, 6) array of stations; receives those of the arc.
+        n: number of stations.
+
+    Returns:
+        The new number of stations; 0, with the stations as they were, if the spline fits well already, no arc fits
+        clearly better, or there are too few stations.
     """
     nodes = work[: 4 * TEMPLATE_ROWS].reshape((TEMPLATE_ROWS, 4))
     _nodes_along_spline(spline, straight, goal, half, nodes)
