@@ -6,7 +6,7 @@ import math
 import tempfile
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -37,6 +37,7 @@ from .._reading import Abstention, actuation_names, limits_of, unlike_training
 from ..uncertainty import Interval, conformal_interval
 from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_evenly
 from ._facts import NetworkFacts, NetworkTraining
+from ._fitted import FittedNetwork
 from ._graph import Graph
 from ._image_input import is_white_noise
 from ._network_state import NetworkState
@@ -71,37 +72,6 @@ _PARITY_SAMPLES = 64
 
 BuildEstimate = Callable[[int, Outputs], ForceEstimate]
 """Makes an estimate from a stamp and the graph's outputs for one sample, (1, ...) each."""
-
-
-@dataclass(frozen=True, eq=False)
-class FittedNetwork:
-    """The learnt state of a network.
-
-    Attributes:
-        actuation: names of the actuation values among its inputs.
-        actuation_limits: name -> smallest and largest value that it answers to, see `limits_of`.
-        known: (3,) which force components it estimates.
-        graph: the graph that is used.
-        data: bytes of the graph in 32 bits.
-        quantised: bytes of the graph in 8 bits, None where there is none.
-        log: the training log.
-        arrays: further fitted arrays, see `NetworkEstimator.fit_arrays`.
-        interval: conformal intervals.
-        facts: how it was trained.
-        sessions: all sessions it was trained on, with those of the model it was fine-tuned from.
-    """
-
-    actuation: tuple[str, ...]
-    actuation_limits: Mapping[str, tuple[float, float]]
-    known: BoolArray
-    graph: Graph
-    data: bytes
-    quantised: bytes | None
-    log: bytes
-    arrays: Arrays
-    interval: Interval
-    facts: NetworkTraining
-    sessions: tuple[str, ...]
 
 
 class NetworkEstimator(FineTunable):
