@@ -131,7 +131,7 @@ class RecordingReader(ClosedAtExit):
             self._file.close()
             raise FileFormatError(
                 f"{self.path}: was written by another program; make a recording of it, whose images and forces have "
-                "the stamps of their headers, with tipforce import FILE --bench bench.toml -o NEW.mcap"
+                f"the stamps of their headers: tipforce import {self.path} --bench bench.toml -o NEW.mcap"
             )
         self._topics: dict[str, tuple[int, str]] = {}
         for channel in self._file.channels.values():

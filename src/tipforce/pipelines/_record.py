@@ -148,7 +148,7 @@ def record(
                 if isinstance(error, TipforceError):
                     kept = f"{target} is kept, without tare and clock map"
                     if isinstance(error, InputError):
-                        kept += "; make a copy with another tare: tipforce import FILE -o NEW.mcap --tare 0:5"
+                        kept += f"; to make a copy with another tare: tipforce import {target} -o NEW.mcap --tare 0:5"
                     raise type(error)(f"{error}; {kept}") from None
                 raise
     return RecordingReport(summarise_recording(target), tuple(remarks))
