@@ -133,7 +133,7 @@ def _rms(values: FloatArray) -> float:
 
 
 def _pulse(seconds: FloatArray, values: FloatArray) -> _Pulse | str:
-    """The beat in ``values`` (n, k); the reason where there is none that can be followed."""
+    """Returns the beat in ``values`` (n, k), or the reason why no beat can be followed."""
     number = np.floor((seconds - seconds[0]) / _STEP_S).astype(np.int64) if len(seconds) else np.empty(0, np.int64)
     if not len(number) or number[-1] * _STEP_S < _MIN_BLOCKS * _BLOCK_S:
         return f"fewer than {_MIN_BLOCKS * _BLOCK_S:g} s of readings follow the beat"

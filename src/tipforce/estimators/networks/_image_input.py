@@ -35,8 +35,8 @@ WINDOW_LENGTHS = 1.35
 MIN_PIXEL_CORRELATION = 0.1
 """Smallest correlation of pixels that are side by side: 0.00 +- 0.01 in white noise, as of a lost signal; at least 0.98
 in 14 images of real cameras and 0.81 in 30 real X-ray images."""
-_CORRELATED_ROWS = 4
-"""Distance of the rows that are compared."""
+_CORRELATED_ROWS = 24
+"""Number of rows that are compared, evenly spread: all of a large image take 2 ms."""
 
 
 def is_white_noise(image: Image) -> bool:
@@ -47,7 +47,8 @@ def is_white_noise(image: Image) -> bool:
     >>> is_white_noise(np.tile(np.arange(80, dtype=np.uint8), (60, 1)))
     False
     """
-    rows = image[::_CORRELATED_ROWS] if image.ndim == 2 else image[::_CORRELATED_ROWS, :, 1]
+    apart = max(1, image.shape[0] // _CORRELATED_ROWS)
+    rows = image[::apart] if image.ndim == 2 else image[::apart, :, 1]
     left, right = rows[:, :-1].astype(np.float32), rows[:, 1:].astype(np.float32)
     left -= left.mean()
     right -= right.mean()

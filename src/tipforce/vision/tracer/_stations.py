@@ -10,7 +10,6 @@ from ._pixels import fast
 
 U, V, ARC, WIDTH, WEIGHT, KIND = range(6)
 """Columns: position of the centre in px, arc length in px, width in px, weight in the fit, kind."""
-COLUMN_COUNT = 6
 
 NONE = 0
 """No pair of flanks was found; such a place never becomes a station."""
