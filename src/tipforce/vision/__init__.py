@@ -2,6 +2,7 @@
 
 from ..types import DetectedShape
 from ._against_knob import bends_against_knob
+from ._annotation import Annotation
 from ._auto_calibrate import auto_calibrate, is_resolved
 from ._clamp import INWARD, image_from_clamp
 from ._classic import ClassicDetector, ClassicSteps
@@ -17,6 +18,7 @@ from .tracer import Tracer
 
 __all__ = [
     "INWARD",
+    "Annotation",
     "BaseSide",
     "ClassicDetector",
     "ClassicSteps",
