@@ -48,4 +48,4 @@ class Annotation:
             raise InputError(f"{self.image}: a point of the catheter's line is not a number; mark it again")
         elif not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
             raise InputError(f"{self.image}: two points in a row of the catheter's line are the same; remove one")
-        object.__setattr__(self, "points_px", frozen(points))
+        object.__setattr__(self, "points_px", frozen("points_px", points, (None, 2)))
