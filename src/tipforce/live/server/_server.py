@@ -1,42 +1,23 @@
 """Runs the page's server on a thread of its own; contains the sink that feeds it."""
 
 import asyncio
-import ipaddress
-import logging
-import mimetypes
-import secrets
-import socket
-import threading
 from collections import deque
-from collections.abc import Awaitable, Callable
-from importlib import resources
 
-import uvicorn
 from starlette.applications import Starlette
-from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import WebSocketRoute
+from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from ..._system.contexts import ClosedAtExit
-from ...errors import InputError
+from ..._system.web.server import LOCAL_HOST, RunningServer, page_routes, start_server
 from ...types import SessionInfo
 from .._update import LiveUpdate
 from ._commands import MAX_COMMAND_BYTES
-from ._guard import Guard
 from ._hub import Hub, PageState
 from ._messages import EncodedUpdate, Point, point_of
 from ._session import PageSession
 from ._settings import Commands, PageSettings
 
-_log = logging.getLogger(__name__)
-
-LOCAL_HOST = "127.0.0.1"
-MIN_TOKEN_LETTERS = 16
-"""Least number of letters of a token; shorter ones may be guessed."""
-_TOKEN_BYTES = 24
-_START_S = 10.0
-_STOP_S = 5.0
 PING_INTERVAL_S = 5.0
 """Interval between the pings of a socket; one that does not answer within the same time is closed."""
 RECENT_POINTS = 30
@@ -76,11 +57,9 @@ class PageServer(ClosedAtExit):
         sink: takes the updates.
     """
 
-    def __init__(
-        self, address: str, port: int, sink: PageSink, hub: Hub, server: uvicorn.Server, thread: threading.Thread
-    ) -> None:
-        self.address, self.port, self.sink = address, port, sink
-        self._hub, self._server, self._thread = hub, server, thread
+    def __init__(self, running: RunningServer, sink: PageSink, hub: Hub) -> None:
+        self.address, self.port, self.sink = running.address, running.port, sink
+        self._hub, self._running = hub, running
 
     @property
     def pages(self) -> int:
@@ -130,12 +109,9 @@ class PageServer(ClosedAtExit):
 
     def close(self) -> None:
         """Ends the server; pages show that they are disconnected. May be called more than once."""
-        if self._thread.is_alive():
+        if self._running.running:
             self._hub.close()
-            self._server.should_exit = True
-            self._thread.join(_STOP_S)
-            if self._thread.is_alive():
-                _log.warning("the page's server did not end within %g s", _STOP_S)
+            self._running.close()
 
 
 def serve(
@@ -159,58 +135,24 @@ def serve(
         InputError: the server cannot listen there, or ``token`` is too short.
     """
     settings = settings or PageSettings()
-    if token is not None and len(token) < MIN_TOKEN_LETTERS:
-        raise InputError(f"token: expected at least {MIN_TOKEN_LETTERS} letters, got {len(token)}")
-    if token is None and not _is_local(host):
-        token = secrets.token_urlsafe(_TOKEN_BYTES)
-    listening = _listen(host, port)
-    port = listening.getsockname()[1]
-    started: threading.Event = threading.Event()
-    made: list[tuple[Hub, uvicorn.Server]] = []
-    failed: list[BaseException] = []
+    made: list[Hub] = []
 
-    async def main() -> None:
+    def make_app() -> ASGIApp:
         hub = Hub(asyncio.get_running_loop(), settings)
         if commands is not None:
             hub.begin(commands, settings)
-        app = Guard(_app(hub, settings.most_pages), {host, socket.gethostname()}, token, f"tipforce-{port}")
-        server = uvicorn.Server(
-            uvicorn.Config(
-                app,
-                log_config=None,
-                access_log=False,
-                lifespan="off",
-                server_header=False,
-                proxy_headers=False,
-                ws_max_size=MAX_COMMAND_BYTES,
-                ws_ping_interval=PING_INTERVAL_S,
-                ws_ping_timeout=PING_INTERVAL_S,
-                ws_per_message_deflate=False,  # JPEG does not get smaller
-                timeout_graceful_shutdown=1,
-            )
-        )
-        made.append((hub, server))
-        asyncio.get_running_loop().call_soon(started.set)
-        await server.serve(sockets=[listening])
+        made.append(hub)
+        return _app(hub, settings.most_pages)
 
-    def run() -> None:
-        try:
-            asyncio.run(main())
-        except BaseException as error:
-            failed.append(error)
-            _log.exception("the page's server has failed")
-        finally:
-            listening.close()
-            started.set()
-
-    thread = threading.Thread(target=run, name="tipforce-page", daemon=True)
-    thread.start()
-    if not started.wait(_START_S) or failed or not made:
-        raise InputError(f"the page's server could not start on {host}:{port}") from (failed[0] if failed else None)
-    hub, server = made[0]
-    query = "" if token is None else f"?token={token}"
-    address = f"http://{_shown(host)}:{port}/{query}"
-    return PageServer(address, port, PageSink(hub), hub, server, thread)
+    config = {
+        "ws_max_size": MAX_COMMAND_BYTES,
+        "ws_ping_interval": PING_INTERVAL_S,
+        "ws_ping_timeout": PING_INTERVAL_S,
+        "ws_per_message_deflate": False,  # JPEG does not get smaller
+    }
+    running = start_server(make_app, host=host, port=port, token=token, config=config)
+    hub = made[0]
+    return PageServer(running, PageSink(hub), hub)
 
 
 def _app(hub: Hub, most_pages: int) -> Starlette:
@@ -223,69 +165,4 @@ def _app(hub: Hub, most_pages: int) -> Starlette:
             return
         await PageSession(socket, hub).run()
 
-    routes = [Route(path, _file(*content)) for path, content in _page_files().items()]
-    return Starlette(routes=[*routes, WebSocketRoute("/live", page)])
-
-
-def _page_files() -> dict[str, tuple[bytes, str]]:
-    """Returns path -> content and media type of every file of the page; no other file is served."""
-    files: dict[str, tuple[bytes, str]] = {}
-    for entry in (resources.files("tipforce.live") / "page").iterdir():
-        kind = mimetypes.guess_type(entry.name)[0]
-        if entry.is_file() and kind is not None:
-            path = "/" if entry.name == "index.html" else f"/{entry.name}"
-            files[path] = (entry.read_bytes(), kind)
-    return files
-
-
-def _file(content: bytes, kind: str) -> Callable[[Request], Awaitable[Response]]:
-    async def answer(_: Request) -> Response:
-        return Response(content, media_type=kind)
-
-    return answer
-
-
-def _is_local(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
-def _listen(host: str, port: int) -> socket.socket:
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listening = socket.socket(family, kind, protocol)
-    except (OSError, OverflowError, UnicodeError) as error:
-        raise InputError(f"nothing can listen on {host}:{port}: {error}") from None
-    try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind(address)
-        listening.listen()
-    except (OSError, OverflowError) as error:
-        listening.close()
-        raise InputError(f"nothing can listen on {host}:{port}: {error}; choose another port") from None
-    listening.setblocking(False)
-    return listening
-
-
-def _shown(host: str) -> str:
-    """Returns the host for the address of the page; for "all addresses" the one that other machines can reach."""
-    try:
-        address = ipaddress.ip_address(host)
-    except ValueError:
-        return host
-    if address.is_unspecified:
-        address = ipaddress.ip_address(_outward(address.version))
-    return f"[{address}]" if address.version == 6 else str(address)
-
-
-def _outward(version: int) -> str:
-    """Returns the address at which other machines reach this machine; nothing is sent for it."""
-    family, beyond = (socket.AF_INET6, "2001:db8::1") if version == 6 else (socket.AF_INET, "192.0.2.1")
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect((beyond, 9))
-            return probe.getsockname()[0]
-        except OSError:
-            return "::1" if version == 6 else LOCAL_HOST
+    return Starlette(routes=[*page_routes("tipforce.live"), WebSocketRoute("/live", page)])
