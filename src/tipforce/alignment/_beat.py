@@ -106,7 +106,18 @@ def add_beat(
 
 
 def inertia_left(stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, tare: Tare, inertia: Inertia) -> float:
-    """Root mean square, N, of the axis that still moves most in the contact-free stretches; 0 where it is unknown."""
+    """Returns the inertia that remains in the contact-free stretches after correction.
+
+    Args:
+        stamps_ns: (n,) stamps of the readings.
+        force_n: (n, 3) readings in N; NaN where there is no plausible reading.
+        stage: movement of the stage; empty without its log.
+        tare: tare with its contact-free stretches.
+        inertia: inertia that is subtracted.
+
+    Returns:
+        RMS in N of the axis with most of it; 0 if there are fewer than ten readings.
+    """
     rest = force_n - carried_n(stage, inertia, stamps_ns)
     axes = ~np.isnan(rest).all(axis=0)
     rows = np.flatnonzero(np.isfinite(rest[:, axes]).all(axis=1))

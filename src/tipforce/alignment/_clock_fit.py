@@ -81,7 +81,15 @@ class Force:
         return np.stack([np.interp(seconds, self._grid, row) for row in self._values])
 
     def known(self, seconds: FloatArray, margin_s: float) -> BoolArray:
-        """(n,): whether plausible readings exist up to ``margin_s`` before and after each of ``seconds``."""
+        """Returns whether plausible readings exist around each time.
+
+        Args:
+            seconds: (n,) times on the force log's clock.
+            margin_s: half the length of the stretch around each time that must have readings.
+
+        Returns:
+            (n,) whether they exist.
+        """
         inside = (seconds > self._ends[0] + margin_s) & (seconds < self._ends[1] - margin_s)
         counts = np.concatenate([[0], np.cumsum(self._gaps)])
         ends = (
@@ -169,9 +177,16 @@ class Data:
         return max(float(force * np.abs(self.coordinates[:, 1:3]).max()), 1e-12)
 
     def terms(self, shifts: FloatArray, unit: float, degree: int) -> tuple[FloatArray, FloatArray]:
-        """Returns (shifts, n, terms): G, G^2 ... and the change of G when the sensor turns.
+        """Returns the terms of the elastic law at trial shifts.
 
-        And (shifts, n, terms, 2): their slopes with the force's x and y.
+        Args:
+            shifts: (shifts,) time shifts in s.
+            unit: moment in N px by which moments are divided, see `unit`.
+            degree: degree of the law in the moment G.
+
+        Returns:
+            (shifts, n, degree + 1) terms: G, G^2 ... and the change of G when the sensor turns; and their derivatives
+            (shifts, n, degree + 1, 2) by the force's x and y.
         """
         x, y = self.force.at(self.time - shifts[:, None])
         across, along = self.coordinates[:, 1] / unit, self.coordinates[:, 2] / unit
@@ -242,7 +257,15 @@ class Fit:
         return self._quick(x), noise
 
     def profile(self, weights: FloatArray, tilted: list[Tilted]) -> FloatArray:
-        """(r, blocks) weights, m shifts and tilts -> (r, m): minus the log of the unexplained bend."""
+        """Returns the profile over shift and tilt.
+
+        Args:
+            weights: (r, blocks) weights of the blocks in each replicate.
+            tilted: m shifts and tilts.
+
+        Returns:
+            (r, m) minus the logarithm of the unexplained bend.
+        """
         shift = np.array(tilted)[:, :1] + np.array(tilted)[:, 1:] * self.place
         step = self.shifts[1] - self.shifts[0]
         at = np.clip((shift - self.shifts[0]) / step, 0.0, len(self.shifts) - 1.000001)
@@ -290,10 +313,16 @@ class Fit:
         return float(at[0]), float(at[1])
 
     def peaks(self, weights: FloatArray, about: Tilted, step: float, tilt_step: float) -> FloatArray:
-        """(r, blocks) weights -> (r, 2): the shift and tilt of each profile's maximum near ``about``.
+        """Returns shift and tilt of each profile's maximum, by a paraboloid through a grid of five by five points.
 
-        By the paraboloid through a grid of five by five points, ``step`` and ``tilt_step`` apart, or the parabola
-        through five where ``tilt_step`` is 0.
+        Args:
+            weights: (r, blocks) weights of the blocks in each replicate.
+            about: middle of the grid.
+            step: step of the grid in the shift, s.
+            tilt_step: step of the grid in the tilt, s; 0: the tilt is held, and a parabola through five points is used.
+
+        Returns:
+            (r, 2) shifts and tilts in s.
         """
         ticks = np.arange(-2.0, 3.0)
         x, y = (part.ravel() for part in np.meshgrid(ticks, ticks if tilt_step else np.zeros(1)))
@@ -353,10 +382,15 @@ class Fit:
         return float(self.residuals(at).var() / max((self.slope(at) * _ANGLE_PRIOR) ** 2, 1e-12))
 
     def local_shifts(self, at: Tilted, groups: IntArray) -> FloatArray:
-        """(k, 3): the shift beyond ``at`` of each group of blocks, its standard error, and the group's energy.
+        """Returns the shift of each group of blocks that fits best with the law of all.
 
-        The shift, s, is that which fits best with the law of all; the energy is that of the fitted bend over that of
-        the usual residual. ``groups`` (blocks,): 0 to k - 1.
+        Args:
+            at: shift and tilt of the law of all.
+            groups: (blocks,) number of each block's group, 0 to k - 1.
+
+        Returns:
+            (k, 3) shift beyond ``at`` and its standard error in s, and energy of the fitted bend over that of the usual
+            residual.
         """
         _, solved = self._solve(at)
         fitted = np.einsum("i,bsij,j->bs", solved, self._xx, solved)

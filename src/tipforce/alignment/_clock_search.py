@@ -55,19 +55,22 @@ def search_clock(
     count: int,
     rate: float | None = None,
 ) -> list[Coarse]:
-    """The candidates: the ``count`` best by a free regression, and as many by the usual levers.
+    """Finds candidates of the clock map: the best by a free regression, and as many by the usual levers.
 
     Friction makes the free regression late or early by up to two tenths of a second; the levers serve only where the
     sensor's angle is right.
 
     Args:
-        time_s: (n,) of the images, increasing, s.
-        bend: (n,) the deflection's integral, rad.
-        force_s: (m,) of the readings on their own clock, increasing, s.
-        force_n: (m, 2) N; NaN where a reading is not plausible.
+        time_s: (n,) times of the images, increasing.
+        bend: (n,) integral of the deflection in rad.
+        force_s: (m,) times of the readings on their own clock, increasing.
+        force_n: (m, 2) readings in N; NaN where a reading is not plausible.
         levers: (2,) usual factors of the force's x and y in the moment.
         count: number of candidates of each kind.
-        rate: the only one that is tried, where a person states it.
+        rate: the only rate that is tried; None: a range of rates.
+
+    Returns:
+        Up to 2 ``count`` candidates.
     """
     plausible = np.isfinite(force_n).all(axis=1)
     start = float(force_s[0])

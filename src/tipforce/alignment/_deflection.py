@@ -25,13 +25,19 @@ MIN_NEAR_SHARE = 0.96
 def shape_coordinates(
     shapes: Sequence[DetectedShape], *, flexible_share: float = 1.0, length_px: float | None = None
 ) -> FloatArray:
-    """Returns (n, 4): B in rad; factors of the force's x and y in G, in px; weight of the lever's end in them, in px.
+    """Returns the deflection of shapes and the factors of the force in it.
 
-    NaN where nothing was found. ``flexible_share``: of the visible length, from the base; a rigid tip does not bend.
-    ``length_px``: of the whole catheter, where it is known; a part at the base may be hidden. All centrelines are
-    brought to one length: a longer line is another object, and where the rigid tip was not detected it
-    is drawn on. The base frame's direction is the median one. The lever ends in the middle of the dome; the last column
-    is the dome's radius times the integral of w.
+    All centrelines are brought to one length: a longer line is another object, and where the rigid tip was not detected
+    it is drawn on. The base frame's direction is the median one. The lever ends in the middle of the dome.
+
+    Args:
+        shapes: n detected shapes.
+        flexible_share: share of the visible length, from the base, that is flexible; a rigid tip does not bend.
+        length_px: length of the whole catheter, of which a part at the base may be hidden; None: not known.
+
+    Returns:
+        (n, 4) B in rad; factors of the force's x and y in G, in px; weight of the lever's end in them, in px, which is
+        the dome's radius times the integral of w. NaN where nothing was found.
     """
     rows = np.full((len(shapes), 4), math.nan)
     turns = np.array([np.exp(1j * shape.base.angle_rad) for shape in shapes if shape.base is not None])

@@ -62,7 +62,7 @@ class StageMotion:
 
     @classmethod
     def of(cls, readings: Sequence[tuple[int, Mapping[str, float]]]) -> "StageMotion":
-        """From (stamp, values by name) reading by reading; the names are the first one's."""
+        """Makes the motion from (stamp, positions by name), reading by reading; the names are the first one's."""
         names = readings[0][1] if readings else {}
         return cls(
             np.array([stamp for stamp, _ in readings], np.int64),
@@ -70,14 +70,31 @@ class StageMotion:
         )
 
     def acceleration(self, stamp_ns: IntArray, axes: Sequence[str]) -> FloatArray:
-        """(n,) stamps on the stage's clock -> (n, axes) m/s^2; 0 outside of the stage's time."""
+        """Returns the accelerations of the stage.
+
+        Args:
+            stamp_ns: (n,) stamps on the stage's clock.
+            axes: names of the axes.
+
+        Returns:
+            (n, axes) accelerations in m/s^2; 0 outside of the stage's time.
+        """
         seconds = (stamp_ns - self.start_ns) * 1e-9
         rows = [np.interp(seconds, self._grid, self._values[self.names.index(axis)], 0.0, 0.0) for axis in axes]
         return np.stack(rows, axis=-1) if rows else np.zeros((len(stamp_ns), 0))
 
 
 def carried_n(stage: StageMotion, inertia: Inertia, stamps_ns: IntArray) -> FloatArray:
-    """Returns (n, 3) N, or (3,) zeros: the inertia of the carried mass in readings at ``stamps_ns`` (n,)."""
+    """Returns the inertia of the carried mass in readings.
+
+    Args:
+        stage: movement of the stage.
+        inertia: gains, lag and beat of the inertia.
+        stamps_ns: (n,) stamps of the readings.
+
+    Returns:
+        (n, 3) force in N, sensor's frame; (3,) zeros without inertia.
+    """
     carried: FloatArray = np.zeros(3)
     if inertia.axes:
         carried = stage.acceleration(inertia.stage_ns(stamps_ns), inertia.axes) @ inertia.gain_kg
@@ -105,12 +122,23 @@ def fit_inertia(
     rate: float = 1.0,
     lag_ns: int = 0,
 ) -> tuple[Tare, Inertia]:
-    """Tare and inertia from the contact-free ``stretch_s`` (seconds since the log's first row).
+    """Fits tare and inertia in a contact-free stretch.
 
-    ``stamps_ns`` (n,), ``force_n`` (n, 3): readings as they are. Lags within +-``window_s`` of
-    ``lag_ns`` (in the middle of the stretch, with the stage's clock at ``rate``) are tried. ``how="none"`` with the
-    reason where the readings do not show the stage's movement; the tare is then their mean. Raises InputError
-    where the stretch has less than a second of readings.
+    Args:
+        stamps_ns: (n,) stamps of the readings.
+        force_n: (n, 3) readings in N, not corrected.
+        stage: movement of the stage.
+        stretch_s: start and end of the stretch in seconds since the log's first row.
+        window_s: lags up to this far from ``lag_ns`` are tried.
+        rate: rate of the stage's clock.
+        lag_ns: nominal lag of the stage's clock in the middle of the stretch.
+
+    Returns:
+        Tare and inertia. Where the readings do not show the stage's movement, the inertia has ``how="none"`` with the
+        reason, and the tare is the mean of the readings.
+
+    Raises:
+        InputError: the stretch has less than a second of readings.
     """
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     axes = ~np.isnan(force_n).all(axis=0)
@@ -162,16 +190,19 @@ def fit_inertia(
 
 
 def best_inertia(stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, found: Sequence[Inertia]) -> Inertia:
-    """The one of ``found`` whose clock map between force log and stage holds for the whole log.
+    """Returns the inertia whose clock map between force log and stage holds for the whole log.
 
     Contact and inertia both follow the stage's movement, so all readings are regressed on its accelerations now, a
     little before and a little after; the right map leaves least.
 
     Args:
-        stamps_ns: (n,) of the readings.
-        force_n: (n, 3) N; NaN where there is no plausible reading.
-        stage: how the stage moved on its own clock.
-        found: at least one.
+        stamps_ns: (n,) stamps of the readings.
+        force_n: (n, 3) readings in N; NaN where there is no plausible reading.
+        stage: movement of the stage on its own clock.
+        found: one inertia or more, to choose from.
+
+    Returns:
+        One of ``found``.
     """
     axes = ~np.isnan(force_n).all(axis=0)
     step = max(1, round(_RATE_STEP_S * 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)))

@@ -35,12 +35,22 @@ def labels(
     max_gap_s: float = MAX_GAP_S,
     later_s: float = 0.0,
 ) -> Labels:
-    """Force at every frame, linear in time: clock map applied, tare and inertia subtracted, turned into the base frame.
+    """Returns the force at every frame, linear in time, tare and inertia subtracted, in the base frame.
 
-    ``camera``: None for the first view. NaN where the readings around a frame are more than ``max_gap_s`` apart or on
-    one side only. ``later_s``: delay of the force after each frame, to find its rate. The force series
-    is read chunk by chunk. Raises InputError where readings are in the sensor's frame and its pose is not stated, or
-    where the clock map could not be determined.
+    The force series is read chunk by chunk.
+
+    Args:
+        reader: the recording, with its clock map.
+        camera: view of the frames; None: the first.
+        force: stream of the readings.
+        max_gap_s: where the readings around a frame are farther apart, or on one side only, its force is NaN.
+        later_s: delay of the force after each frame, to find its rate.
+
+    Returns:
+        The labels.
+
+    Raises:
+        InputError: readings are in the sensor's frame and its pose is not stated, or the clock map is unknown.
     """
     info = reader.info
     if info.clock_map.how == "refused":
@@ -67,10 +77,22 @@ def label_log(
     offset_ms: float,
     max_gap_s: float = MAX_GAP_S,
 ) -> Labels:
-    """Labels at ``frame_ns`` (n,) of a run that is at hand as arrays: those that `record` and `labels` would give.
+    """Labels the frames of a run whose data are arrays: the labels that `record` and `labels` would give.
 
-    ``readings``: stamps (m,) and force (m, 3) in the sensor's frame; ``stage``: stamps (k,) and commanded positions,
-    NAME_m or NAME_mm -> (k,), may be empty. Raises InputError as `record` does.
+    Args:
+        frame_ns: (n,) stamps of the frames.
+        readings: stamps (m,) and forces (m, 3) in N, sensor's frame.
+        stage: stamps (k,) and commanded positions (k,) by name, NAME_m or NAME_mm; may be empty.
+        sensor: metadata of the sensor.
+        tare: how the tare is found.
+        offset_ms: the camera's clock minus the force's.
+        max_gap_s: see `labels`.
+
+    Returns:
+        The labels.
+
+    Raises:
+        InputError: tare or inertia cannot be found, or the pose of the sensor is not stated.
     """
     stamps, force = readings
     course = StageMotion(*stage)
@@ -81,7 +103,14 @@ def label_log(
 
 
 def covered_frames(frame_ns: IntArray, force_ns: IntArray) -> BoolArray:
-    """Returns (n,) whether a frame is on a reading or between two near ones; both are sorted, on one clock.
+    """Returns whether a frame is on a reading or between two near ones.
+
+    Args:
+        frame_ns: (n,) stamps of the frames, sorted.
+        force_ns: (m,) stamps of the readings on the same clock, sorted.
+
+    Returns:
+        (n,) whether the frame is covered.
 
     >>> covered_frames(np.array([0, 10, 2000]), np.array([5, 20])).tolist()
     [False, True, False]

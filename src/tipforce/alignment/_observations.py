@@ -13,9 +13,15 @@ PAIR_S = 0.02
 
 
 def nearest_frames(stamps_ns: IntArray, others_ns: IntArray, within_s: float = PAIR_S) -> IntArray:
-    """(n,) for each of ``stamps_ns`` (n,) the place of the nearest of ``others_ns`` (m,); -1 where none is near.
+    """Finds the frame nearest in time; of two that are equally near, the earlier.
 
-    Both sorted; of two that are equally near, the earlier.
+    Args:
+        stamps_ns: (n,) stamps, sorted.
+        others_ns: (m,) stamps of the frames, sorted.
+        within_s: largest difference.
+
+    Returns:
+        (n,) indices of the frames; -1 where none is near.
 
     >>> nearest_frames(np.array([0, 66_000_000]), np.array([1_000_000, 140_000_000])).tolist()
     [0, -1]
@@ -68,13 +74,21 @@ def observations(
     wait_s: float = WAIT_S,
     pair_s: float = PAIR_S,
 ) -> Iterator[Observation]:
-    """An observation for each frame of ``view``, or of the first of several views.
+    """Yields an observation for each frame of a view, or of the first of several views.
 
-    Of each further view the image nearest in time, at most ``pair_s`` away, is in the same observation; where it was
-    dropped, that view is absent. Actuation is interpolated linearly where a later reading, within ``WAIT_S`` of the
-    frame in stamps, is there, else the last one holds; names without an earlier reading are absent. Frames wait for
-    that reading and for their partners, never longer than events ``wait_s`` and ``pair_s`` later; a live loop passes
-    ``wait_s=0``, and has the later reading where images arrive later than readings.
+    It contains the image of each further view that is nearest in time; where it was dropped, that view is absent.
+    Actuation is interpolated linearly where a later reading, within ``WAIT_S`` of the frame in stamps, is there, else
+    the last one holds; names without an earlier reading are absent.
+
+    Args:
+        events: events in the order of their arrival.
+        view: name of the view, or names of several.
+        wait_s: longest time that a frame waits for a later reading; a live loop passes 0, and has the later reading
+            where images arrive later than readings.
+        pair_s: largest difference in time between the images of one observation, and longest time that a frame waits.
+
+    Yields:
+        The observations, in order of the frames.
     """
     views = (view,) if isinstance(view, str) else tuple(view)
     series, pairing = ActuationSeries(), Pairing(views, pair_s)

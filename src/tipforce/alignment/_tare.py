@@ -17,9 +17,19 @@ _QUIET = 0.08
 
 
 def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s: float) -> Tare:
-    """The mean between ``start_s`` and ``end_s`` (seconds since the log's first row): (n,) stamps, (n, 3) readings.
+    """Returns the mean of the readings in a stretch of time.
 
-    Raises InputError where it has fewer than ten readings.
+    Args:
+        stamps_ns: (n,) stamps of the readings.
+        force_n: (n, 3) readings in N; NaN where there is no plausible reading.
+        start_s: start of the stretch in seconds since the log's first row.
+        end_s: its end.
+
+    Returns:
+        The tare.
+
+    Raises:
+        InputError: the stretch has fewer than ten readings, or its times are not finite.
     """
     if not (math.isfinite(start_s) and math.isfinite(end_s)):
         raise InputError(f"tare=({start_s:g}, {end_s:g}): expected a stretch of time in seconds, as in (0, 5)")

@@ -139,7 +139,17 @@ def pulling_force(
 def contact_free_stretch(
     stamps: IntArray, force: FloatArray, stage: StageMotion, moving_mass_kg: float | None
 ) -> tuple[float, float] | None:
-    """Returns (start, end) in seconds of the log of the first stretch that can serve as a tare, or None."""
+    """Finds the first stretch of the log that can serve as a tare.
+
+    Args:
+        stamps: (n,) stamps of the readings in ns.
+        force: (n, 3) readings in N.
+        stage: movement of the stage; empty without its log.
+        moving_mass_kg: mass that the sensor carries; None: not stated.
+
+    Returns:
+        Start and end in seconds since the log's first row; None if there is no such stretch.
+    """
     last_s = float(stamps[-1] - stamps[0]) * 1e-9
     for start in np.arange(0.0, last_s - _TRIED_S, _TRIED_S).tolist():
         stretch = (start, start + _TRIED_S)

@@ -83,7 +83,11 @@ class Calibration:
     sessions: tuple[SessionResult, ...]
 
     def quantity(self, name: str) -> Quantity:
-        """Returns the quantity with this name. Raises KeyError."""
+        """Returns the quantity with this name.
+
+        Raises:
+            KeyError: there is none.
+        """
         for each in self.quantities:
             if each.name == name:
                 return each
@@ -102,6 +106,9 @@ def calibrate_sessions(
         sessions: results of `read_session`, with forces or all without contact.
         stated_within: relative standard deviation of the stated stiffness.
         progress: called with the share that is done.
+
+    Returns:
+        The quantities, the remarks, and the result of each session.
 
     Raises:
         InputError: length or stiffness of the catheter is not stated.

@@ -114,6 +114,9 @@ def calibrate_board(images: Sequence[Image], settings: BoardSettings) -> BoardRe
             the board tilted in different directions, determine the lens.
         settings: the board.
 
+    Returns:
+        Scale and tilt, and with enough images the lens.
+
     Raises:
         InputError: the values of the board are not possible, its dictionary is unknown, or the first image shows no
             board.

@@ -105,6 +105,9 @@ def fit_knob(
         curvature_std: (n,) their standard deviations, without the common error.
         common_std_per_m: standard deviation of the common error.
 
+    Returns:
+        Gain, offset and play of the knob; NaN for the values that the frames do not determine.
+
     Raises:
         InputError: there is no knob, or there are too few frames.
     """

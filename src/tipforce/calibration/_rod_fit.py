@@ -159,6 +159,9 @@ def fit_rod(
         held: those of `UNKNOWNS` that are not fitted but kept at their prior mean.
         settings: priors and noise.
 
+    Returns:
+        The fitted values with their covariance, and the residuals.
+
     Raises:
         InputError: length or stiffness is not stated, or no shape of the rod fits the lines.
     """

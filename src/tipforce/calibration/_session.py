@@ -140,6 +140,9 @@ def read_session(
         vision: settings of the detection.
         progress: called with the share of frames that are read.
 
+    Returns:
+        The frames in which the catheter is detected, with force, knob and stage at them.
+
     Raises:
         FileFormatError: the recording does not exist.
         InputError: the recording has no images, no scale is stated, the clamp is advanced in it, or the catheter is

@@ -80,7 +80,8 @@ class TissueFit:
 def fit_tissue(session: CalibrationSession) -> TissueFit:
     """Finds the tissue's stiffness from the frames of one session.
 
-    Raises InputError with the reason if they do not determine it: no stage, no direction of it, too little contact.
+    Raises:
+        InputError: the frames do not determine it: no stage, no direction of it, too little contact.
     """
     if not session.stage_names:
         raise InputError("no log of the stage: the indentation is not known")

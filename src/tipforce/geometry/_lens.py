@@ -78,7 +78,14 @@ def _straighten_one(camera: FloatArray, u: float, v: float) -> tuple[float, floa
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def project(camera: FloatArray, points: FloatArray, pixels: FloatArray, slopes: FloatArray) -> None:
-    """Projects ``points`` (n, 3) to ``pixels`` (n, 2), with ``slopes`` (n, 2, 3); (1, 2, 3) if they are not needed."""
+    """Projects points into the image.
+
+    Args:
+        camera: `CameraModel.row`.
+        points: (n, 3) points in the camera's world.
+        pixels: (n, 2) pixels that are written; NaN where the camera does not show the point.
+        slopes: (n, 2, 3) derivatives of the pixels by the points, written; (1, 2, 3) if they are not needed.
+    """
     wanted = slopes.shape[0] == points.shape[0]
     for i in range(points.shape[0]):
         row = slopes[i if wanted else 0]
@@ -87,7 +94,13 @@ def project(camera: FloatArray, points: FloatArray, pixels: FloatArray, slopes: 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def straighten(camera: FloatArray, pixels: FloatArray, normalised: FloatArray) -> None:
-    """Converts observed ``pixels`` (n, 2) to ``normalised`` (n, 2): x / z and y / z of their rays, camera's frame."""
+    """Converts observed pixels to the directions of their rays.
+
+    Args:
+        camera: `CameraModel.row`.
+        pixels: (n, 2) observed pixels.
+        normalised: (n, 2) x / z and y / z of the rays in the camera's frame, written; NaN where the lens has no ray.
+    """
     for i in range(pixels.shape[0]):
         normalised[i, 0], normalised[i, 1] = _straighten_one(camera, pixels[i, 0], pixels[i, 1])
 

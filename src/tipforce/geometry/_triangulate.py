@@ -37,6 +37,9 @@ def triangulate(cameras: Sequence[CameraModel], pixels: ArrayLike, noise_px: Arr
         pixels: (n, views, 2) the same n points in each view; NaN where a view does not show a point.
         noise_px: standard deviation of u and v, one number for all views or one per view.
 
+    Returns:
+        Points, their covariances, and the residuals in the images.
+
     Raises:
         ValueError: there are fewer than two cameras, an array has another shape, or the noise is not positive.
 

@@ -104,6 +104,9 @@ class CramerRaoBound:
             source: the session's ground truth, or its bench.
             noise: noise of the detected centreline; None: as measured on the session's preset.
 
+        Returns:
+            The model, from which bounds are computed.
+
         Raises:
             ValueError: ``noise`` is None and was not measured for the preset, the session has X-ray images, or the
                 tissue also touches the shaft's side.

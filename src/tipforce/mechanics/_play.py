@@ -19,10 +19,16 @@ def _follow(inputs: FloatArray, half_width: float, output: float, outputs: Float
 
 
 class Play:
-    """Play (backlash) of ``width``: the output stays still until the input has crossed the gap, then follows it.
+    """Play (backlash): the output stays still until the input has crossed the gap, then follows it.
 
-    ``width`` is the whole gap, in the input's unit; the output never leaves input +- width / 2 (Krasnosel'skii and
-    Pokrovskii 1989). ``output`` is the present output, at first 0. Raises ValueError for a negative width.
+    The output never leaves input +- width / 2 (Krasnosel'skii and Pokrovskii 1989).
+
+    Args:
+        width: the whole gap, in the input's unit.
+        output: present output.
+
+    Raises:
+        ValueError: the width is negative.
 
     >>> play = Play(1.0)
     >>> [play.step(knob_deg) for knob_deg in (0.4, 2.0, 1.2, 0.0)]
@@ -36,7 +42,11 @@ class Play:
         self.output = output
 
     def step(self, value: float) -> float:
-        """Returns the output for the next input."""
+        """Returns the output for the next input.
+
+        Raises:
+            ValueError: the input is not finite.
+        """
         if not math.isfinite(value):
             raise ValueError(f"expected a finite number, got {value}")
         half = 0.5 * self.width
@@ -44,7 +54,11 @@ class Play:
         return self.output
 
     def run(self, values: ArrayLike) -> FloatArray:
-        """Returns (n,) outputs for (n,) inputs in their order, the same as n times `step`."""
+        """Returns (n,) outputs for (n,) inputs in their order, the same as n times `step`.
+
+        Raises:
+            ValueError: the inputs have another shape, or one is not finite.
+        """
         inputs = np.ascontiguousarray(values, np.float64)
         if inputs.ndim != 1 or not np.isfinite(inputs).all():
             raise ValueError(f"expected a row of finite numbers, got shape {inputs.shape}")

@@ -185,12 +185,28 @@ class SimulatedBench(ClosedAtExit):
         return TrajectoryInterpolator(self.trajectory, self.session.bench_model, self.resolution)
 
     def frame(self, index: int, view: str = "") -> Frame:
-        """Returns the ``index``-th image, of the first view if none is named."""
+        """Returns an image.
+
+        Args:
+            index: number of the frame, 0 to n - 1.
+            view: one of `views`; "": the first.
+
+        Returns:
+            The image with its stamp on the camera's clock.
+        """
         view = view or self.views[0]
         return Frame(int(self.stamp_ns[index]), self.imaging.image(view, index), view)
 
     def image_truth(self, index: int, view: str = "") -> ImageTruth:
-        """Returns the ground truth of frame ``index``: the catheter in the image."""
+        """Returns the ground truth of an image.
+
+        Args:
+            index: number of the frame, 0 to n - 1.
+            view: one of `views`; "": the first.
+
+        Returns:
+            The catheter in the image.
+        """
         return self.imaging.truth(view or self.views[0], index)
 
     def stage_log(self) -> tuple[IntArray, dict[str, FloatArray]]:
@@ -223,7 +239,15 @@ class SimulatedBench(ClosedAtExit):
         return (0, 0, 0, 0)
 
     def event(self, stream: int, row: int) -> Event:
-        """Returns the event of one entry of `schedule`."""
+        """Returns the event of one entry of `schedule`.
+
+        Args:
+            stream: 0 for force, 1 for stage, 2 for joints, 3 and up for the images of each view.
+            row: number of the reading or image in its stream.
+
+        Returns:
+            A force reading, an actuation or an image.
+        """
         readings = self.readings
         match stream:
             case 0:

@@ -213,7 +213,12 @@ def _arrays(truth: Truth | ViewTruth) -> dict[str, npt.NDArray[Any]]:
 
 
 def write_truth(truth: Truth, path: Path) -> None:
-    """Writes ``truth`` to ``path``: the whole file or none."""
+    """Writes a ground truth to a file: the whole file or none.
+
+    Args:
+        truth: ground truth of all frames.
+        path: path of the companion file.
+    """
     about = {name: getattr(truth, name) for name in _ABOUT_FIELDS}
     if truth.others:
         about["others"] = list(truth.others)
@@ -266,5 +271,14 @@ def read_truth(path: Path | str) -> Truth:
 
 
 def settings_record(settings: Settings, seed: int, number: int) -> dict[str, Any]:
-    """Returns the settings and random numbers of a session, as its ground truth keeps them: JSON values."""
+    """Returns the settings and random numbers of a session, as its ground truth keeps them.
+
+    Args:
+        settings: settings of the bench.
+        seed: seed of all random numbers.
+        number: number of the session, from 0.
+
+    Returns:
+        JSON values by name.
+    """
     return {**settings.model_dump(mode="json"), "seed": seed, "number": number}

@@ -50,11 +50,27 @@ class Imaging(Protocol):
         ...
 
     def image(self, view: str, index: int) -> Image:
-        """Returns the ``index``-th image."""
+        """Returns an image.
+
+        Args:
+            view: one of `views`.
+            index: number of the image, 0 to n - 1.
+
+        Returns:
+            (h, w) or (h, w, 3) image, 8 bits.
+        """
         ...
 
     def truth(self, view: str, index: int) -> ImageTruth:
-        """Returns the ground truth of that image: the catheter in it."""
+        """Returns the ground truth of an image.
+
+        Args:
+            view: one of `views`.
+            index: number of the image, 0 to n - 1.
+
+        Returns:
+            The catheter in the image.
+        """
         ...
 
     def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
@@ -62,7 +78,15 @@ class Imaging(Protocol):
         ...
 
     def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
-        """Returns the metadata of ``view`` that a person at the bench would know."""
+        """Returns the metadata of a view that a person at the bench would know.
+
+        Args:
+            view: one of `views`.
+            metres_per_px: measured scale, see `measured_scale_m_per_px`.
+
+        Returns:
+            The metadata of the view.
+        """
         ...
 
     def values(self) -> dict[str, Any]:
@@ -183,14 +207,30 @@ class CameraImaging:
         return self.scene.camera(self.settings.width, self.settings.height)
 
     def image(self, view: str, index: int) -> Image:
-        """Returns the ``index``-th image."""
+        """Returns an image.
+
+        Args:
+            view: name of the only view; not used.
+            index: number of the image, 0 to n - 1.
+
+        Returns:
+            (h, w) or (h, w, 3) image, 8 bits.
+        """
         del view
         time_s = float(self._times_s[index])
         shapes, tissue = self._exposed(time_s, self.scene.exposure_s, _CAMERA_EXPOSURE_INSTANTS)
         return self.renderer.render(shapes, tissue, frame=self._first_frame + index, time_s=time_s)
 
     def truth(self, view: str, index: int) -> ImageTruth:
-        """Returns the ground truth of frame ``index``: the catheter in the image."""
+        """Returns the ground truth of an image.
+
+        Args:
+            view: name of the only view; not used.
+            index: number of the image, 0 to n - 1.
+
+        Returns:
+            The catheter in the image at the middle of the exposure.
+        """
         del view
         time_s = float(self._times_s[index])
         shapes, tissue = self._exposed(time_s, self.scene.exposure_s, 1)
@@ -203,7 +243,15 @@ class CameraImaging:
         return scale * 640.0 / self.settings.width
 
     def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
-        """Returns the scale, the side of the image of the catheter's base, and the uncertainty of the tilt."""
+        """Returns the metadata of the view that a person at the bench would know.
+
+        Args:
+            view: name of the only view; not used.
+            metres_per_px: measured scale.
+
+        Returns:
+            Scale, side of the image at which the catheter enters, and uncertainties of scale and tilt.
+        """
         del view
         scene = self.settings.scene
         return ViewInfo(
@@ -291,7 +339,15 @@ class XrayImaging:
         return self.scene.camera(self.views.index(view), self.settings.width, self.settings.height)
 
     def image(self, view: str, index: int) -> Image:
-        """Returns the ``index``-th image. It contains the detector's lag from earlier pulses, dropped ones included."""
+        """Returns an image. It contains the detector's lag from earlier pulses, dropped ones included.
+
+        Args:
+            view: one of `views`.
+            index: number of the image, 0 to n - 1.
+
+        Returns:
+            (h, w) image, 8 bits.
+        """
         number, renderer = int(self._kept[index]), self._renderers[view]
         *before, now = [self._pulse(k) for k in range(max(0, number - renderer.memory), number + 1)]
         image = renderer.render(now.shapes_m, now.tissue, frame=now.frame, time_s=now.time_s, before=before)
@@ -308,7 +364,15 @@ class XrayImaging:
         return self._pulses[number]
 
     def truth(self, view: str, index: int) -> ImageTruth:
-        """Returns the ground truth of frame ``index``: the catheter in the image."""
+        """Returns the ground truth of an image.
+
+        Args:
+            view: one of `views`.
+            index: number of the image, 0 to n - 1.
+
+        Returns:
+            The catheter in the image at the middle of the pulse.
+        """
         time_s = float(self._times_s[self._kept[index]])
         shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, 1)
         return self._renderers[view].truth(shapes, tissue, time_s=time_s)
@@ -319,7 +383,16 @@ class XrayImaging:
         return self.scene.views[0].stated.scale_m_per_px * 512.0 / self.settings.width
 
     def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
-        """Returns the scale, the side at which the catheter enters, and the view's calibration as stated."""
+        """Returns the metadata of a view that a person at the bench would know.
+
+        Args:
+            view: one of `views`.
+            metres_per_px: measured scale.
+
+        Returns:
+            Scale, side of the image at which the catheter enters, and the calibrated projection matrix (3, 4) from the
+            isocentre's frame.
+        """
         size = self.settings.width, self.settings.height
         matrix = self.scene.views[self.views.index(view)].stated.camera(*size).projection_matrix
         a, b, c = ([float(f"{x:.8g}") for x in row] for row in matrix)

@@ -69,7 +69,15 @@ class SampleSet(Settings):
         return np.sort(np.concatenate(chosen))
 
     def offset_ms(self, bench: SimulatedBench, number: int) -> float:
-        """Returns the clock offset of the force log at the middle of the session, with the error of a measurement."""
+        """Returns the clock offset of the force log at the middle of a session, with the error of a measurement.
+
+        Args:
+            bench: the session.
+            number: its number in this set, from 0.
+
+        Returns:
+            True time minus stamp, in milliseconds.
+        """
         log = bench.log
         middle = len(log.true_s) // 2
         true_ms = 1e3 * float(log.true_s[middle] - 1e-9 * log.stamp_ns[middle])

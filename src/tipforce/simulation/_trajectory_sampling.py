@@ -130,7 +130,12 @@ class Readings:
         self._taken = [0, 0, 0]
 
     def take(self, trajectory: Trajectory, rows: int) -> None:
-        """Takes all readings that the first ``rows`` instants of ``trajectory`` allow."""
+        """Takes all readings that the known part of a trajectory allows.
+
+        Args:
+            trajectory: trajectory of the session.
+            rows: number of its instants that are simulated; only these are read.
+        """
         rows = len(trajectory.time_s) + 1 if rows == len(trajectory.time_s) else rows
         for k, need in enumerate((self.need_force, self.stage.need, self.joints.need)):
             first, end = self._taken[k], int(np.searchsorted(need, rows, side="right"))
@@ -164,6 +169,14 @@ class Readings:
         return Wrench(int(self.log.stamp_ns[row]), self.log.force_n[row], self.log.torque_nm[row], frame="sensor")
 
     def actuation(self, log: _ReadingLog, row: int) -> Actuation:
-        """Returns a reading of ``stage`` or ``joints``."""
+        """Returns a reading of a drive.
+
+        Args:
+            log: ``stage`` or ``joints``.
+            row: number of the reading.
+
+        Returns:
+            Positions of the axes in mm or degrees, stamped by the camera's clock.
+        """
         values = dict(zip(log.names, log.values[row].tolist(), strict=True))
         return Actuation(int(log.stamp_ns[row]), values, STAGE if log is self.stage else JOINTS)

@@ -36,7 +36,15 @@ class AxisLimits:
 
 
 def refuse_unknown(names: Iterable[str], limits: Mapping[str, AxisLimits]) -> None:
-    """Raises ValueError where one of ``names`` is not an axis of ``limits``."""
+    """Checks that all names are axes.
+
+    Args:
+        names: names of the axes.
+        limits: limits of each axis, by name.
+
+    Raises:
+        ValueError: one of the names is not in ``limits``.
+    """
     for name in names:
         if name not in limits:
             raise ValueError(f"{name}: there is no such axis; there are {', '.join(limits)}")
@@ -65,9 +73,11 @@ class Commanded:
             wanted: requested target of each axis, by name.
             limits: limits of each axis, by name.
 
+        Returns:
+            The command as it takes effect.
+
         Raises:
             ValueError: an axis is unknown or a value is not finite; the whole command is refused.
-
 
         >>> Commanded.of(0, {"knob_deg": 99.0}, {"knob_deg": AxisLimits(0.0, 90.0, 60.0, 600.0)})
         Commanded(stamp_ns=0, targets={'knob_deg': 90.0}, clipped={'knob_deg': 99.0})

@@ -187,7 +187,11 @@ def read_bench(path: Path | str) -> SessionInfo:
 
 
 def bench_values(path: Path | str) -> dict[str, Any]:
-    """Returns all values in the ``bench.toml`` at ``path`` as TOML has them. Raises FileFormatError."""
+    """Returns all values in the ``bench.toml`` at ``path`` as TOML has them.
+
+    Raises:
+        FileFormatError: the file does not exist or is not readable as TOML.
+    """
     path = Path(path)
     if path.is_dir():
         raise FileFormatError(f"{path}: is a folder; state the bench.toml in it")

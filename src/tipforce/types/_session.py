@@ -337,6 +337,9 @@ class SessionInfo:
             values: nested, as ``bench.toml`` holds them.
             where: the file or option with the values, for the message.
 
+        Returns:
+            The metadata.
+
         Raises:
             InputError: a key is unknown, or a value has a wrong type or range; the message names it.
         """
@@ -391,7 +394,15 @@ class SessionInfo:
 
 
 def merged_values(values: Mapping[str, Any], stated: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns nested ``values``, with those of ``stated`` in their place."""
+    """Merges nested values.
+
+    Args:
+        values: nested values.
+        stated: nested values that replace those of ``values``, key by key.
+
+    Returns:
+        The merged values; the arguments are not changed.
+    """
     made = dict(values)
     for key, value in stated.items():
         own = made.get(key)

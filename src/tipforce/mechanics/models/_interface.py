@@ -68,7 +68,15 @@ CATHETER_7F_M = 2.33e-3
 
 
 def curvature_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
-    """Returns the pre-curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
+    """Returns the pre-curvature along the shaft, linear between the rod's joints.
+
+    Args:
+        rod: the rod.
+        arc_m: (k,) arc lengths from the base.
+
+    Returns:
+        (k,) curvatures in 1/m.
+    """
     joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
     return np.interp(arc_m, joints, rod.precurvatures_per_m)
 
@@ -83,12 +91,28 @@ def _angle_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
 
 
 def mean_curvature(rod: PlanarRod, edges_m: FloatArray) -> FloatArray:
-    """Returns the mean pre-curvature of each piece of the shaft between ``edges_m`` (k + 1,)."""
+    """Returns the mean pre-curvature of each piece of the shaft.
+
+    Args:
+        rod: the rod.
+        edges_m: (k + 1,) arc lengths of the pieces' ends.
+
+    Returns:
+        (k,) curvatures in 1/m.
+    """
     return np.diff(_angle_at(rod, edges_m)) / np.diff(edges_m)
 
 
 def stiffness_at(rod: PlanarRod, arc_m: FloatArray) -> FloatArray:
-    """Returns EI for small curvature at ``arc_m`` (k,) along the shaft, linear between the rod's joints."""
+    """Returns EI for small curvature along the shaft, linear between the rod's joints.
+
+    Args:
+        rod: the rod.
+        arc_m: (k,) arc lengths from the base.
+
+    Returns:
+        (k,) bending stiffnesses in N m^2.
+    """
     joints = np.linspace(0.0, rod.flexible_length_m, rod.segments + 1)
     return np.interp(arc_m, joints, rod.stiffnesses_nm2)
 
@@ -107,7 +131,15 @@ def mean_stiffness(rod: PlanarRod) -> float:
 
 
 def nodes_at(rod: PlanarRod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns positions (k, 2) and tangent angles (k,) of the unloaded shaft at ``arc_m`` (k,), which begins with 0."""
+    """Returns positions and tangent angles of the unloaded shaft.
+
+    Args:
+        rod: the rod.
+        arc_m: (k,) arc lengths, rising from 0.
+
+    Returns:
+        (k, 2) positions in metres and (k,) angles in rad, base frame.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(5)
     step = np.diff(arc_m)
     inside = arc_m[:-1, None] + 0.5 * step[:, None] * (1 + nodes)
@@ -117,6 +149,16 @@ def nodes_at(rod: PlanarRod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def first_share(rod: PlanarRod, fx: float, fy: float, moment_nm: float) -> float:
-    """Returns the share of the load that bends the rod by a radian or less."""
+    """Returns the share of the load that bends the rod by a radian or less.
+
+    Args:
+        rod: the rod.
+        fx: force along x in N.
+        fy: force along y in N.
+        moment_nm: moment about z.
+
+    Returns:
+        The share, 0 to 1.
+    """
     size = (math.hypot(fx, fy) * rod.length_m**2 + abs(moment_nm) * rod.length_m) / rod.bending_stiffness_nm2
     return 1.0 / max(1.0, math.ceil(size))

@@ -10,7 +10,16 @@ from ._compile import compiled
 
 @compiled
 def factorise(matrix: FloatArray, damping: float, factor: FloatArray) -> float:
-    """Cholesky factor of ``matrix`` with its diagonal times 1 + ``damping``; its log determinant, or NaN."""
+    """Computes the Cholesky factor of a symmetric matrix whose diagonal is first multiplied by 1 + ``damping``.
+
+    Args:
+        matrix: (n, n) matrix.
+        damping: relative increase of the diagonal.
+        factor: (n, n) array whose lower triangle is written.
+
+    Returns:
+        Logarithm of the determinant; NaN if the damped matrix is not positive definite.
+    """
     count = matrix.shape[0]
     log_det = 0.0
     for i in range(count):
@@ -32,7 +41,12 @@ def factorise(matrix: FloatArray, damping: float, factor: FloatArray) -> float:
 
 @compiled
 def solve_in(factor: FloatArray, answer: FloatArray) -> None:
-    """Solves with the matrix of this Cholesky ``factor``; ``answer`` (n,) holds the right side first."""
+    """Solves a linear system in place.
+
+    Args:
+        factor: (n, n) Cholesky factor of the matrix.
+        answer: (n,) right-hand side, then the solution.
+    """
     count = answer.size
     for i in range(count):
         for k in range(i):
@@ -46,9 +60,12 @@ def solve_in(factor: FloatArray, answer: FloatArray) -> None:
 
 @compiled
 def inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
-    """Returns the inverse (n, n) of a covariance and the logarithm of its determinant; ValueError if there is none.
+    """Returns the inverse (n, n) of a covariance and the logarithm of its determinant.
 
     The matrix is first scaled to one on the diagonal, because its units may differ by ten powers of ten.
+
+    Raises:
+        ValueError: the covariance is not positive definite.
     """
     count = len(covariance)
     std = np.sqrt(np.diag(covariance))

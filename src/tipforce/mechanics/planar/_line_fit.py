@@ -144,6 +144,9 @@ def make_work(model: Model, points: int, unknowns: int) -> Work:
         model: the rod.
         points: number of points of a line.
         unknowns: number of unknowns.
+
+    Returns:
+        The buffers.
     """
     n, rows = model.segments + 1, points + 1
     return Work(
@@ -332,7 +335,19 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
 def predict_line(
     q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Work, cold: bool
 ) -> tuple[bool, bool, float]:
-    """Fills ``residual`` and ``slopes`` of ``work`` at ``q``; whether the shape converged, is stable, its firmness."""
+    """Computes ``residual`` and ``slopes`` of ``work`` at given unknowns, if a stable shape is found.
+
+    Args:
+        q: (unknowns,) `UNKNOWNS`, then the amplitudes of ``modes``.
+        model: the rod.
+        line: the detected line.
+        modes: (points + 1, modes) errors of the line, each with an amplitude that is an unknown.
+        work: buffers.
+        cold: solve the shape from the unloaded one, not from ``work.theta``.
+
+    Returns:
+        Whether the shape converged, whether it is stable, and its firmness, see `Found`.
+    """
     converged, stable, firm = _solve_shape(q, model, line, work, cold)
     if converged and stable:
         _turn_rates(q, model, line, work)
@@ -424,21 +439,24 @@ def fit_line(
     work: Work,
     covariance: FloatArray,
 ) -> Found:
-    """Moves ``q`` from its start to the most probable unknowns; ``covariance`` becomes that of the posterior.
+    """Moves ``q`` from its start to the most probable unknowns.
 
     Args:
         q: (unknowns,) start, then result: `UNKNOWNS`, then the amplitudes of ``modes``.
         mean: (unknowns,) mean of the prior.
-        information: (unknowns, unknowns): inverse of the prior's covariance. A very large entry holds an unknown.
+        information: (unknowns, unknowns) inverse of the prior's covariance. A very large entry holds an unknown.
         model: the rod.
         line: the detected line.
-        modes: (points + 1, modes): errors of the line, each with an amplitude that is an unknown.
+        modes: (points + 1, modes) errors of the line, each with an amplitude that is an unknown.
         whiten: (points + 1, points + 1) lower triangular matrix that whitens the noise of the line.
         limit: whitened residuals above this count by their size, not by its square (Huber 1964).
         most: largest number of steps.
         cold: solve the first shape from the unloaded one, not from ``work.theta``.
         work: buffers.
-        covariance: (unknowns, unknowns), filled (Laplace's approximation).
+        covariance: (unknowns, unknowns) covariance of the posterior (Laplace's approximation), written.
+
+    Returns:
+        Cost, residuals, and whether the fit converged.
     """
     count = q.size
     cost, plain, firm, plain_there = math.inf, math.inf, 0.0, math.inf

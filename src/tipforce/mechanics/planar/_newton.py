@@ -61,9 +61,14 @@ TOLERANCE = 1e-11
 
 @compiled
 def sincos(angle: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
-    """Computes ``cosine`` and ``sine``, in a loop of vector instructions.
+    """Computes cosines and sines in a loop of vector instructions.
 
     Scalar calls of the library's functions would take more than half of the time of a solution.
+
+    Args:
+        angle: (n,) angles in rad.
+        cosine: (n,) cosines that are written.
+        sine: (n,) sines that are written.
     """
     for i in range(angle.size):
         cosine[i], sine[i] = cosine_and_sine(angle[i])
@@ -71,7 +76,16 @@ def sincos(angle: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
 
 @compiled
 def bending_density(k: float, k0: float, soft: float) -> float:
-    """Returns the energy per metre over EI, at curvature ``k`` with the pre-curvature ``k0``; ``soft``: 1 / k_s^2."""
+    """Returns the bending energy per metre over EI.
+
+    Args:
+        k: curvature in 1/m.
+        k0: pre-curvature in 1/m.
+        soft: 1 / k_s^2 of the stiffening law, in m^2.
+
+    Returns:
+        The energy in 1/m^2.
+    """
     density = 0.5 * (k - k0) ** 2
     if soft > 0.0:  # the integral of (k / k_s)^2 (k - k_0) from k_0
         density += soft * (k**4 / 4 - k0 * k**3 / 3 + k0**4 / 12)
@@ -80,7 +94,18 @@ def bending_density(k: float, k0: float, soft: float) -> float:
 
 @compiled
 def energy_at(theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elastic, load: Load) -> float:
-    """Returns the energy at ``theta``; the cosines and sines remain in their arrays."""
+    """Returns the energy of a shape: elastic energy minus work of the load.
+
+    Args:
+        theta: (n,) angles of the elements in rad.
+        cosine: (n,) their cosines, written.
+        sine: (n,) their sines, written.
+        rod: values of the rod.
+        load: the load.
+
+    Returns:
+        The energy in J.
+    """
     last = theta.size - 1
     sincos(theta, cosine, sine)
     x = y = bend = spread = previous = 0.0
@@ -159,11 +184,20 @@ def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
 
 @compiled
 def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scratch: FloatArray) -> Solution:
-    """Moves ``theta`` (n,) in place to the nearest minimum of the energy; ``stable``: whether it is a minimum.
+    """Moves a shape in place to the nearest minimum of the energy.
 
     Each step is Newton's if the Hessian is positive definite, else that of the shifted Hessian. It is limited so that
-    no angle turns by more than 0.4 rad, and halved until the energy falls. ``scratch`` (SCRATCH, n) then holds the
-    Hessian's factors at ``theta``, which `solve_factorised` uses.
+    no angle turns by more than 0.4 rad, and halved until the energy falls.
+
+    Args:
+        theta: (n,) angles of the elements in rad; start, then result.
+        rod: values of the rod.
+        load: the load.
+        tolerance: residual that ends the iteration.
+        scratch: (SCRATCH, n) buffer; afterwards with the Hessian's factors, which `solve_factorised` uses.
+
+    Returns:
+        The result; ``stable``: whether the shape is a minimum.
     """
     n = theta.size
     work, trial, step, cosine, sine = scratch[:5], scratch[5], scratch[6], scratch[COSINE], scratch[SINE]
@@ -203,9 +237,13 @@ def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scra
 
 @compiled
 def solve_factorised(scratch: FloatArray, answer: FloatArray) -> None:
-    """Solves with the factors of the Hessian from `relax_in`; ``answer`` holds the right-hand side first.
+    """Solves a linear system with the factors of the Hessian from `relax_in`.
 
     Only for stable shapes: if the Hessian is not positive definite, the factors may be those of a shifted one.
+
+    Args:
+        scratch: (SCRATCH, n) buffer of `relax_in`.
+        answer: (n,) right-hand side, then the solution.
     """
     factor, inverse = scratch[3], scratch[INVERSE_PIVOTS]
     last = answer.size - 1
@@ -252,10 +290,19 @@ def _copy(source: FloatArray, target: FloatArray) -> None:
 
 @compiled
 def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: FloatArray) -> tuple[Solution, bool]:
-    """Moves ``theta`` from the unloaded shape to that of the whole load; True if the branch has no jump.
+    """Moves a shape from the unloaded one to that of the whole load.
 
     A branch that becomes unstable without a fold (a straight rod pushed along its axis) is followed further.
-    ``scratch`` (SCRATCH + 4, n).
+
+    Args:
+        theta: (n,) angles of the elements in rad; unloaded shape, then result.
+        rod: values of the rod.
+        load: the whole load.
+        first: first step, as a share of the load.
+        scratch: (SCRATCH + 4, n) buffer.
+
+    Returns:
+        The result, and whether the branch has no jump.
     """
     n = theta.size
     work, before, way, way_before = scratch[:SCRATCH], scratch[SCRATCH], scratch[SCRATCH + 1], scratch[SCRATCH + 2]

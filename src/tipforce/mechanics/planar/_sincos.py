@@ -28,14 +28,32 @@ def _llvm(name: str, count: int) -> Any:
 
 @_intrinsic
 def fma(_: Any, a: Any, b: Any, c: Any) -> Any:
-    """Returns ``a`` ``b`` + ``c``, rounded once, so that the result does not depend on inlining."""
+    """Returns ``a`` ``b`` + ``c``, rounded once, so that the result does not depend on inlining.
+
+    Args:
+        _: typing context of the compiler.
+        a: factor, as all of them a 64-bit float.
+        b: factor.
+        c: summand.
+
+    Returns:
+        In compiled code the number; to the compiler signature and code.
+    """
     del a, b, c
     return _llvm("fma", 3)
 
 
 @_intrinsic
 def floor(_: Any, value: Any) -> Any:
-    """Returns the largest whole number that is not above ``value``, as a float."""
+    """Returns the largest whole number that is not above ``value``.
+
+    Args:
+        _: typing context of the compiler.
+        value: a 64-bit float.
+
+    Returns:
+        In compiled code the number, a 64-bit float; to the compiler signature and code.
+    """
     del value
     return _llvm("floor", 1)
 

@@ -235,7 +235,11 @@ class SpatialContactSolver:
         self._work = make_work(rod.segments + 1, 3 + (rod.segments if wall.side_stiffness_n_per_m2 > 0 else 0))
 
     def change_step(self, dt_s: float) -> None:
-        """Sets ``dt_s``, the time between instants, from now on. Raises ValueError if it is not positive."""
+        """Sets ``dt_s``, the time between instants, from now on.
+
+        Raises:
+            ValueError: the time is not positive.
+        """
         if not dt_s > 0:
             raise ValueError(f"expected positive dt_s, got {dt_s}")
         relaxing = dt_s / self._creep_time_s

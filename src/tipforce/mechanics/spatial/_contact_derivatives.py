@@ -82,6 +82,9 @@ def contact_derivatives(
     Returns:
         Centrelines and derivatives.
 
+    Raises:
+        ValueError: an array has another shape, or creep is given without ``time_s``.
+
     >>> rod = SpatialRod(0.05, 4.3e-4, segments=100)
     >>> line = np.linspace(0, 1, 11)[None, :, None] * [0.05, 0.0, 0.0]
     >>> found = contact_derivatives(rod, line, np.zeros((1, 3)), line[:, -1], np.array([0.05]))
@@ -138,9 +141,16 @@ _ARRAYS = ("span", "ei", "gj", "rest", "reach", "memory")
 
 
 def orientations_along(rod: SpatialRod, lines_m: FloatArray) -> FloatArray:
-    """Returns the orientations (m, segments + 1, 4) of the elements along centrelines (m, p, 3), uniform in arc length.
+    """Returns the orientations of the elements along centrelines.
 
     Each frame is the one before, turned by the smallest rotation, so there is no twist except that of the curve.
+
+    Args:
+        rod: the rod.
+        lines_m: (m, p, 3) centrelines, uniform in arc length.
+
+    Returns:
+        (m, segments + 1, 4) quaternions (w, x, y, z).
     """
     lengths = rod.element_lengths_m
     place = np.concatenate([[0.0], np.cumsum(lengths)]) / rod.length_m * (lines_m.shape[1] - 1)
@@ -324,9 +334,20 @@ def slope_rows(
     rows: Rows, rod: Elastic, load: Load, base_rest: FloatArray, patterns: FloatArray, places: Places, spare: Spare,
     work: Work, points: FloatArray, slopes: FloatArray, good: FloatArray,
 ) -> None:  # fmt: skip
-    """Fills ``points`` (m, n, 3), ``slopes`` (m, n, 3, C) and ``good`` (m,): 1 if a stable shape was found.
+    """Computes equilibria and their derivatives at consecutive instants.
 
-    ``rod.rest``, ``rod.memory`` and ``load`` are overwritten; the memory continues from its present values.
+    Args:
+        rows: orientations, loads and creep at each instant; the orientations are start, then result.
+        rod: values of the rod; ``rest`` and ``memory`` are overwritten, the memory from its present values on.
+        load: buffer of the load.
+        base_rest: (segments + 1, 3) the rod's own pre-curvature.
+        patterns: (patterns, segments + 1) relative change of the stiffness in each joint.
+        places: elements and arc lengths of the points.
+        spare: buffers of the derivatives.
+        work: buffers of Newton's method.
+        points: (m, n, 3) points that are written.
+        slopes: (m, n, 3, columns) derivatives that are written.
+        good: (m,) written: 1 if a stable shape was found, else 0.
     """
     for row in range(rows.q.shape[0]):
         q = rows.q[row]

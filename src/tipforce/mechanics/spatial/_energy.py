@@ -21,7 +21,15 @@ _MAX_GROWTH_DEPTHS = 6.0
 
 @compiled
 def log_scale(sine2: float, cosine: float) -> float:
-    """Returns the factor from v to the rotation vector, for a unit quaternion (cosine, v), v.v = sine2, cosine >= 0."""
+    """Returns the factor from the vector part v of a unit quaternion to the rotation vector.
+
+    Args:
+        sine2: v.v, the square of the sine of half the rotation angle.
+        cosine: scalar part, >= 0.
+
+    Returns:
+        The factor.
+    """
     if sine2 < _SERIES_SINE2:
         s = sine2
         tail = s * (35 / 1152 + s * (63 / 2816 + s * (231 / 13312 + s * 143 / 10240)))
@@ -35,6 +43,14 @@ def log_factors(angle2: float, sine2: float, cosine: float) -> tuple[float, floa
     """Returns k(a) = (1 - (a/2) cot(a/2)) / a^2 of the rotation angle a, and k'(a) / a.
 
     1 + phi x / 2 + k phi x (phi x .) is the inverse of the rotation vector's right Jacobian (Bullo and Murray 1995).
+
+    Args:
+        angle2: a^2 in rad^2.
+        sine2: square of the sine of a/2.
+        cosine: cosine of a/2.
+
+    Returns:
+        k and k' / a.
     """
     a2 = angle2
     if sine2 < _SERIES_SINE2:
@@ -49,7 +65,20 @@ def log_factors(angle2: float, sine2: float, cosine: float) -> tuple[float, floa
 
 @compiled
 def joint_energy(ei: float, gj: float, soft: float, u: tuple, rest: tuple, memory: tuple, maxwell: float) -> float:  # type: ignore[type-arg]
-    """Returns the energy per metre at the strain u; ``maxwell``: relative stiffness of the spring with ``memory``."""
+    """Returns the energy of a joint per metre.
+
+    Args:
+        ei: bending stiffness in N m^2.
+        gj: torsional stiffness in N m^2.
+        soft: 1 / k_s^2 of the stiffening law, in m^2.
+        u: strain (3) in 1/m.
+        rest: pre-curvature (3) in 1/m.
+        memory: crept strain (3) in 1/m.
+        maxwell: relative stiffness of the spring that creeps.
+
+    Returns:
+        The energy in J/m.
+    """
     e0, e1, e2 = u[0] - rest[0], u[1] - rest[1], u[2] - rest[2]
     total = 0.5 * (gj * e0 * e0 + ei * (e1 * e1 + e2 * e2))
     if soft > 0.0:
@@ -72,7 +101,20 @@ def joint_moment(
     memory: tuple,  # type: ignore[type-arg]
     maxwell: float,
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Returns the gradient (3) of `joint_energy`, and its second derivatives 00, 11, 12, 22 (01 and 02 vanish)."""
+    """Returns the derivatives of `joint_energy` by the strain.
+
+    Args:
+        ei: bending stiffness in N m^2.
+        gj: torsional stiffness in N m^2.
+        soft: 1 / k_s^2 of the stiffening law, in m^2.
+        u: strain (3) in 1/m.
+        rest: pre-curvature (3) in 1/m.
+        memory: crept strain (3) in 1/m.
+        maxwell: relative stiffness of the spring that creeps.
+
+    Returns:
+        The gradient (3) in N m, and the second derivatives 00, 11, 12, 22 in N m^2 (01 and 02 vanish).
+    """
     e0, e1, e2 = u[0] - rest[0], u[1] - rest[1], u[2] - rest[2]
     more = 1.0 + maxwell
     g0 = gj * (more * e0 - maxwell * memory[0])
@@ -97,8 +139,16 @@ def joint_moment(
 def exponential_spring(stiffness: float, growth: float, depth: float) -> tuple[float, float, float]:
     """Returns force, slope and energy of tissue that stiffens exponentially (Fung): c (exp(``growth`` depth) - 1).
 
-    ``stiffness`` is that of the secant at depth 1 / ``growth``, which determines c. From `_MAX_GROWTH_DEPTHS` such
-    depths on it continues along its tangent: no trial of Newton's method overflows.
+    From `_MAX_GROWTH_DEPTHS` / ``growth`` on the force continues along its tangent: no trial of Newton's method
+    overflows.
+
+    Args:
+        stiffness: stiffness in N/m of the secant at depth 1 / ``growth``, which determines c.
+        growth: growth in 1/m.
+        depth: indentation in m.
+
+    Returns:
+        Force in N, slope in N/m, energy in J.
     """
     scale = stiffness / (growth * (math.e - 1.0))
     over = max(growth * depth - _MAX_GROWTH_DEPTHS, 0.0)
@@ -111,7 +161,15 @@ def exponential_spring(stiffness: float, growth: float, depth: float) -> tuple[f
 
 @compiled
 def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
-    """Returns the normal force of the dome, its slope with the depth, and its energy from ``touch.rest`` on."""
+    """Returns the normal force of the dome.
+
+    Args:
+        touch: laws of the contact.
+        depth: indentation in m.
+
+    Returns:
+        Force in N, its slope with the depth in N/m, and its energy in J from ``touch.rest`` on.
+    """
     if not (touch.active and depth > touch.rest):
         return 0.0, 0.0, 0.0
     over, since, base = depth - touch.indentation, depth - touch.rest, touch.rest - touch.indentation
@@ -136,7 +194,17 @@ def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
 
 @compiled
 def tangential_force(touch: Touch, normal: float, first: float, second: float) -> tuple[float, float, bool]:
-    """Returns the wall's force on the dome along t1 and t2, and whether it slips there."""
+    """Returns the wall's tangential force on the dome.
+
+    Args:
+        touch: laws of the contact.
+        normal: normal force in N.
+        first: way of the touching point along t1 in m.
+        second: its way along t2 in m.
+
+    Returns:
+        Force along t1 and t2 in N, and whether the point slips.
+    """
     if touch.kt <= 0.0:
         return touch.drag[0], touch.drag[1], False
     t1, t2 = -touch.kt * first, -touch.kt * second
@@ -148,7 +216,16 @@ def tangential_force(touch: Touch, normal: float, first: float, second: float) -
 
 @compiled
 def tip_at(q: FloatArray, rod: Elastic, tangent: FloatArray) -> tuple[float, float, float]:
-    """Returns the lever's end relative to the clamp; fills ``tangent`` (k, 3) with the elements' directions."""
+    """Returns the lever's end relative to the clamp.
+
+    Args:
+        q: (k, 4) orientations of the elements.
+        rod: values of the rod.
+        tangent: (k, 3) directions of the elements, written.
+
+    Returns:
+        x, y, z in m, base frame.
+    """
     px = py = pz = 0.0
     for i in range(q.shape[0]):
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
@@ -163,7 +240,18 @@ def tip_at(q: FloatArray, rod: Elastic, tangent: FloatArray) -> tuple[float, flo
 
 @compiled
 def contact_at(q: FloatArray, px: float, py: float, pz: float, touch: Touch) -> tuple[float, float, float]:
-    """Returns the dome's depth, and the way of its touching point (it rolls) along t1 and t2 from ``touch.zero``."""
+    """Returns depth and tangential way of the dome, which rolls on the wall.
+
+    Args:
+        q: (k, 4) orientations of the elements.
+        px: x of the lever's end in m, from `tip_at`.
+        py: its y.
+        pz: its z.
+        touch: laws of the contact.
+
+    Returns:
+        Depth, and way of the touching point along t1 and t2 from ``touch.zero``, in m.
+    """
     axes, last = touch.axes, q.shape[0] - 1
     w, x, y, z = q[last, 0], q[last, 1], q[last, 2], q[last, 3]
     a, b, c = touch.arm[0], touch.arm[1], touch.arm[2]
@@ -178,7 +266,18 @@ def contact_at(q: FloatArray, px: float, py: float, pz: float, touch: Touch) -> 
 
 @compiled
 def energy_at(q: FloatArray, rod: Elastic, load: Load, touch: Touch, tangent: FloatArray) -> float:
-    """Returns the elastic energy minus the work of the dead forces, at ``q`` (k, 4). A moment has no energy."""
+    """Returns the elastic energy minus the work of the dead forces. A moment has no energy.
+
+    Args:
+        q: (k, 4) orientations of the elements.
+        rod: values of the rod.
+        load: dead loads.
+        touch: laws of the contact.
+        tangent: (k, 3) directions of the elements, written.
+
+    Returns:
+        The energy in J.
+    """
     total = 0.0
     w0, x0, y0, z0 = 1.0, 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
@@ -216,14 +315,34 @@ def energy_at(q: FloatArray, rod: Elastic, load: Load, touch: Touch, tangent: Fl
 
 @compiled
 def unturned(w: float, x: float, y: float, z: float, a: float, b: float, c: float) -> tuple[float, float, float]:
-    """Returns the vector (a, b, c), base frame, in the frame of the quaternion (w, x, y, z)."""
+    """Returns a vector of the base frame in the frame of a quaternion.
+
+    Args:
+        w: scalar part of the unit quaternion.
+        x: vector part, x.
+        y: vector part, y.
+        z: vector part, z.
+        a: x of the vector, base frame.
+        b: its y.
+        c: its z.
+
+    Returns:
+        The vector's three components.
+    """
     u, v, s = y * c - z * b - w * a, z * a - x * c - w * b, x * b - y * a - w * c
     return a + 2.0 * (y * s - z * v), b + 2.0 * (z * u - x * s), c + 2.0 * (x * v - y * u)
 
 
 @compiled
 def add_pull(q: FloatArray, rod: Elastic, load: Load, out: FloatArray) -> None:
-    """Adds to ``out`` (3k,) the moments of the dead loads on each element: minus their part of the gradient."""
+    """Adds the moments of the dead loads on each element: minus their part of the gradient.
+
+    Args:
+        q: (k, 4) orientations of the elements.
+        rod: values of the rod.
+        load: dead loads.
+        out: (3k,) moments in N m that are changed, in the frame of each element.
+    """
     fx, fy, fz = load.force[0], load.force[1], load.force[2]
     last = q.shape[0] - 1
     for i in range(last + 1):
@@ -354,10 +473,20 @@ def _add_arm(fx: float, fy: float, fz: float, arm: FloatArray, r: int, gradient:
 
 @compiled
 def assemble(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) -> tuple[float, int, int]:
-    """Fills ``work``'s gradient, hessian, skew, rows and firm; returns max |gradient|, the rows and those in slip.
+    """Computes ``work``'s gradient, hessian, skew, rows and firm.
 
     The rows are: the dome's depth, the touched nodes' depths, the dome's way along t1 and t2; those without stiffness
     are left out.
+
+    Args:
+        q: (k, 4) orientations of the elements.
+        rod: values of the rod.
+        load: dead loads.
+        touch: laws of the contact.
+        work: buffers of Newton's method.
+
+    Returns:
+        Largest component of the gradient in N m, number of rows, and number of rows in slip.
     """
     gradient, band, rows, firm = work.gradient, work.hessian, work.rows, work.firm
     last = q.shape[0] - 1

@@ -13,11 +13,16 @@ _MAX_LEAN_RAD = math.asin(0.6)
 
 @compiled
 def face_axes(axes: FloatArray, radius: float, place: FloatArray, turned: FloatArray) -> float:
-    """Fills ``turned`` (3, 3) with the directions of the face nearest to ``place`` (3,), relative to its apex.
+    """Computes the axes of the face at its point nearest to a position.
 
-    ``axes`` (3, 3): rows d (into the tissue), t1, t2 at the apex; ``turned``: the same, rotated by the smallest
-    rotation from d to the normal there. ``radius``: radius of the sphere, positive for a convex face, negative for a
-    concave one. Returns the position of the tangent plane along its own normal, from the apex.
+    Args:
+        axes: (3, 3) rows d (into the tissue), t1, t2 at the apex.
+        radius: radius of the sphere in m, positive for a convex face, negative for a concave one.
+        place: (3,) position relative to the apex in m.
+        turned: (3, 3) axes that are written: ``axes`` turned by the smallest rotation from d to the normal there.
+
+    Returns:
+        Position of the tangent plane along its own normal, from the apex, in m.
     """
     side = math.copysign(1.0, radius)
     # from the dome to the sphere's centre if the face is convex, opposite if it is concave
@@ -50,7 +55,16 @@ def _normals(axes: FloatArray, radius: float, places: FloatArray, normals: Float
 
 
 def face_normals(axes: FloatArray, radius_m: float | None, places_m: FloatArray) -> FloatArray:
-    """Returns the directions (m, 3) into the tissue nearest to ``places_m`` (m, 3), relative to the face's apex."""
+    """Returns the directions into the tissue at the face's points nearest to given positions.
+
+    Args:
+        axes: (3, 3) rows d (into the tissue), t1, t2 at the apex.
+        radius_m: radius of the sphere, positive for a convex face, negative for a concave one; None: flat.
+        places_m: (m, 3) positions relative to the apex.
+
+    Returns:
+        (m, 3) unit vectors.
+    """
     normals = np.tile(axes[0], (len(places_m), 1))
     if radius_m is not None:
         _normals(axes, radius_m, np.ascontiguousarray(places_m, np.float64), normals)

@@ -21,10 +21,16 @@ WIDTH = 6
 
 @compiled
 def factorise(band: FloatArray, shift: float, skew: FloatArray, tail: FloatArray) -> int:
-    """Factorises H + shift = L D L' in place; returns the number of negative eigenvalues of the symmetric part.
+    """Factorises H + shift = L D L' in place. A pivot of 0 is replaced by a tiny positive one.
 
-    ``skew`` (3,): the axial vector of the unsymmetric part of the last block, which goes into ``tail`` (3, 3), the
-    inverse of the remaining block. A pivot of 0 is replaced by a tiny positive one.
+    Args:
+        band: (3k, 6) upper band of the symmetric part of H, then its factors.
+        shift: number that is added to the diagonal.
+        skew: (3,) axial vector of the unsymmetric part of the last block.
+        tail: (3, 3) inverse of the last block after elimination, written; it contains the unsymmetric part.
+
+    Returns:
+        Number of negative eigenvalues of the symmetric part.
     """
     size = band.shape[0]
     body = size - 3
@@ -72,7 +78,13 @@ def factorise(band: FloatArray, shift: float, skew: FloatArray, tail: FloatArray
 
 @compiled
 def solve(band: FloatArray, tail: FloatArray, rhs: FloatArray) -> None:
-    """Overwrites ``rhs`` (3k,) by the solution, with the factors of `factorise`."""
+    """Solves a linear system in place with the factors of `factorise`.
+
+    Args:
+        band: (3k, 6) factors.
+        tail: (3, 3) inverse of the last block.
+        rhs: (3k,) right-hand side, then the solution.
+    """
     size = band.shape[0]
     body = size - 3
     for r in range(body):
@@ -107,7 +119,13 @@ class Solution(NamedTuple):
 
 @compiled
 def solve_factorised(work: Work, m: int, rhs: FloatArray) -> None:
-    """Overwrites ``rhs`` by (H + contacts)^-1 rhs, with the factors of `newton_step` in ``work``."""
+    """Solves a linear system with H + contacts in place, with the factors of `newton_step`.
+
+    Args:
+        work: buffers with the factors.
+        m: number of rows of the contacts.
+        rhs: (3k,) right-hand side, then the solution.
+    """
     solve(work.band, work.tail, rhs)
     small, depth, force = work.small, work.forces[0], work.forces[1]
     for i in range(m):
@@ -131,11 +149,20 @@ def solve_factorised(work: Work, m: int, rhs: FloatArray) -> None:
 
 @compiled
 def newton_step(work: Work, m: int, loose: int, shift: float) -> int:
-    """Factorises and solves for the step; returns the number of negative eigenvalues of the Hessian.
+    """Factorises the Hessian and solves for the step ``work.step``.
 
     With B the rows, T the band and K their stiffness, H = T + B' K B has as many negative eigenvalues as T minus
     those of I + K B T^-1 B' (inertia of the bordered matrix; they are counted by the pivots, because K is diagonal
-    there). The last ``loose`` rows, friction in slip, are not counted.
+    there). Friction in slip is not counted.
+
+    Args:
+        work: buffers, filled by `assemble`.
+        m: number of rows of the contacts.
+        loose: number of the last rows, which slip.
+        shift: number that is added to the diagonal of the band.
+
+    Returns:
+        Number of negative eigenvalues of the Hessian.
     """
     band, hessian, small = work.band, work.hessian, work.small
     for r in range(band.shape[0]):
@@ -176,7 +203,14 @@ def newton_step(work: Work, m: int, loose: int, shift: float) -> int:
 
 @compiled
 def turn(q: FloatArray, step: FloatArray, scale: float, out: FloatArray) -> None:
-    """Out = q turned by ``scale`` x step; (1, w / 2) normalised equals exp(w) to second order."""
+    """Turns orientations: (1, w / 2) normalised equals exp(w) to second order.
+
+    Args:
+        q: (k, 4) orientations of the elements.
+        step: (3k,) rotation vectors w in rad, in the frame of each element.
+        scale: factor of the step.
+        out: (k, 4) turned orientations, written.
+    """
     half = 0.5 * scale
     for i in range(q.shape[0]):
         a, b, c = half * step[3 * i], half * step[3 * i + 1], half * step[3 * i + 2]
@@ -189,7 +223,12 @@ def turn(q: FloatArray, step: FloatArray, scale: float, out: FloatArray) -> None
 
 @compiled
 def copy_turns(source: FloatArray, target: FloatArray) -> None:
-    """Copies (k, 4) orientations; the assignment of a slice takes seconds to compile, because of its error message."""
+    """Copies orientations; the assignment of a slice takes seconds to compile, because of its error message.
+
+    Args:
+        source: (k, 4) orientations.
+        target: (k, 4) orientations that are written.
+    """
     for i in range(source.shape[0]):
         for k in range(4):
             target[i, k] = source[i, k]
@@ -234,12 +273,23 @@ def _follow_residual(
 
 @compiled
 def relax(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tolerance: float) -> Solution:
-    """Moves ``q`` (k, 4) in place to the nearest equilibrium; ``stable``: whether it is a minimum.
+    """Moves a shape in place to the nearest equilibrium.
 
     Each step is Newton's if the Hessian is positive definite, else that of the shifted Hessian. It is limited so that
     no element turns by more than 0.4 rad, and halved until the energy falls. Slipping friction has no energy: there the
     residual must fall, and the iteration stops early. A dead moment has none either, but along one step its work is a
     simple integral; ``stable`` is then that of the Hessian's symmetric part, sufficient but not necessary.
+
+    Args:
+        q: (k, 4) orientations of the elements; start, then result.
+        rod: values of the rod.
+        load: dead loads.
+        touch: laws of the contact.
+        work: buffers of Newton's method.
+        tolerance: residual that ends the iteration, relative to ``rod.small``.
+
+    Returns:
+        The result; ``stable``: whether the shape is a minimum.
     """
     small = tolerance * rod.small
     dry = touch.active and touch.kt > 0.0 and touch.friction >= 0.0
@@ -335,10 +385,21 @@ def _tangent(q: FloatArray, rod: Elastic, load: Load, work: Work, way: FloatArra
 def raise_load(
     q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, tolerance: float
 ) -> tuple[Solution, int]:
-    """Moves ``q`` from the unloaded shape to that of the whole load, without a wall; also returns the `Branch`.
+    """Moves a shape from the unloaded one to that of the whole load, without a wall.
 
     If even the smallest step fails, the branch has ended in a fold and the rod jumps. A branch that becomes unstable
     without a fold (a straight rod pushed along its axis) is followed further.
+
+    Args:
+        q: (k, 4) orientations of the elements; unloaded shape, then result.
+        rod: values of the rod.
+        load: the whole load.
+        touch: `NO_TOUCH`.
+        work: buffers of Newton's method.
+        tolerance: residual that ends the iteration, relative to ``rod.small``.
+
+    Returns:
+        The result, and the `Branch`.
     """
     saved, now = np.empty_like(q), Load(np.zeros(3), np.zeros(3), np.zeros_like(load.line))
     before, after = np.empty(3 * q.shape[0]), np.empty(3 * q.shape[0])

@@ -30,7 +30,13 @@ def frames_of(quaternions: FloatArray) -> FloatArray:
 
 @compiled
 def integrate_strain(strain: FloatArray, span: FloatArray, q: FloatArray) -> None:
-    """Fills ``q`` (k, 4) with the orientations that follow from ``strain`` (k, 3) over each joint's ``span`` (k,)."""
+    """Computes the orientations of the elements from the strain of the joints.
+
+    Args:
+        strain: (k, 3) twist and curvatures about y and z, 1/m.
+        span: (k,) length of each joint in m.
+        q: (k, 4) quaternions (w, x, y, z) that are written.
+    """
     w, x, y, z = 1.0, 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
         a, b, c = strain[i, 0] * span[i], strain[i, 1] * span[i], strain[i, 2] * span[i]
@@ -99,9 +105,15 @@ class SpatialRod:
         self.check_stiffening(rest)
 
     def check_stiffening(self, precurvature_per_m: FloatArray) -> None:
-        """Raises ValueError if a pre-curvature (..., 3) is too large for the stiffening law.
+        """Checks that no pre-curvature is too large for the stiffening law.
 
         Beyond sqrt(3) k_s the energy is not convex in the curvature: no unique shape even without load.
+
+        Args:
+            precurvature_per_m: (..., 3) pre-curvatures.
+
+        Raises:
+            ValueError: one is too large.
         """
         largest = float(np.max(np.hypot(precurvature_per_m[..., 1], precurvature_per_m[..., 2]), initial=0.0))
         if largest >= math.sqrt(3) * self.stiffening_curvature_per_m:

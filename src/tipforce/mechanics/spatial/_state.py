@@ -94,7 +94,15 @@ NO_TOUCH = Touch(
 
 
 def elastic_of(rod: SpatialRod, lever_m: float) -> Elastic:
-    """Returns the values of ``rod``, loaded at ``lever_m`` beyond the end of its shaft, without creep."""
+    """Returns the values of a rod without creep.
+
+    Args:
+        rod: the rod.
+        lever_m: distance of the loaded point beyond the end of its shaft.
+
+    Returns:
+        The values.
+    """
     reach = rod.element_lengths_m
     reach[-1] = lever_m
     profile = np.asarray(rod.stiffness_profile, np.float64)
@@ -133,7 +141,15 @@ def line_of(rod: SpatialRod, distributed_n_per_m: FloatArray | None) -> FloatArr
 
 
 def make_work(elements: int, contacts: int) -> Work:
-    """Makes buffers for ``elements`` = segments + 1 unknown rotations and up to ``contacts`` springs."""
+    """Makes buffers of Newton's method.
+
+    Args:
+        elements: number of elements, segments + 1.
+        contacts: largest number of contact springs.
+
+    Returns:
+        The buffers.
+    """
     size = 3 * elements
     return Work(
         gradient=np.zeros(size),

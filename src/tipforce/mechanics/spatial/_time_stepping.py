@@ -87,7 +87,15 @@ class Instants(NamedTuple):
 
 
 def make_instants(rows: int, elements: int) -> Instants:
-    """Makes the arrays for ``rows`` instants of a rod of ``elements`` = segments + 1."""
+    """Makes the arrays of the results.
+
+    Args:
+        rows: number of instants.
+        elements: number of elements, segments + 1.
+
+    Returns:
+        The arrays.
+    """
     vectors, flags = np.empty((3, rows, 3)), np.empty((4, rows), np.bool_)
     return Instants(
         np.empty((rows, elements, 4)), vectors[0], vectors[1], vectors[2], np.empty(rows), np.empty(rows),
@@ -170,7 +178,13 @@ def _strain(q: FloatArray, rod: Elastic, i: int) -> tuple[float, float, float]:
 
 @compiled
 def creep_on(q: FloatArray, rod: Elastic, relaxing: float) -> None:
-    """Moves the Maxwell springs' dashpots toward the strain, by implicit Euler; fully if ``relaxing`` is infinite."""
+    """Moves the Maxwell springs' dashpots toward the strain, by implicit Euler.
+
+    Args:
+        q: (k, 4) orientations of the elements.
+        rod: values of the rod; ``memory`` is changed.
+        relaxing: time step over time constant; infinite: they creep fully.
+    """
     share = 1.0 if relaxing == math.inf else relaxing / (1.0 + relaxing)
     for i in range(q.shape[0]):
         u = _strain(q, rod, i)
@@ -262,7 +276,22 @@ def integrate(
     advance: FloatArray,
     instants: Instants,
 ) -> int:
-    """Solves consecutive instants, from and to ``history``, into ``instants``; returns the steps of Newton's method."""
+    """Solves consecutive instants.
+
+    Args:
+        rod: values of the rod; ``rest`` and ``memory`` are changed.
+        load: dead loads.
+        law: laws of the wall.
+        history: state of the last instant, before and after.
+        work: buffers of Newton's method.
+        wall: (m, 3) point of the wall at each instant in m, base frame.
+        change: (m, 3) change of the pre-curvature in 1/m.
+        advance: (m,) advance of the clamp along x in m.
+        instants: results that are written.
+
+    Returns:
+        Number of steps of Newton's method.
+    """
     q, axes = history.q, law.axes.copy()
     saved, zero, arm, was, drag = np.empty_like(q), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(2)
     rate = law.damping / law.dt_s

@@ -15,9 +15,9 @@ _TABLE_BITS = 12
 
 @lru_cache(maxsize=1)
 def gauss_table() -> FloatImage:
-    """(4096,) quantiles of a Gaussian, bent at the ends so that moments 2, 4 and 6 are a Gaussian's (1, 3, 15).
+    """Returns (4096,) quantiles of a Gaussian with corrected tails: moments 2, 4 and 6 are a Gaussian's (1, 3, 15).
 
-    Without it the missing tails of a table would show: sums of two entries would have a kurtosis of 2.996.
+    Without the correction the missing tails of a table would show: sums of two entries would have a kurtosis of 2.996.
     """
     from scipy.special import ndtri
 
@@ -37,7 +37,13 @@ def gauss_table() -> FloatImage:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def hash_row(first: int, key: npt.NDArray[np.uint32], words: npt.NDArray[np.uint32]) -> None:
-    """A random word for each of the pixels from ``first`` on; ``key`` (3,)."""
+    """Writes a random 32-bit word for each pixel of a row.
+
+    Args:
+        first: number of the row's first pixel in the image.
+        key: (3,) key of the image.
+        words: (w,) words that are written.
+    """
     start, k1, k2 = np.uint32(key[0] + np.uint32(first)), key[1], key[2]
     for u in range(words.size):
         x = np.uint32(np.uint32(u) + start)
@@ -52,7 +58,13 @@ def hash_row(first: int, key: npt.NDArray[np.uint32], words: npt.NDArray[np.uint
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def gauss_row(words: npt.NDArray[np.uint32], table: FloatImage, row: FloatImage) -> None:
-    """Gaussian numbers from the words' upper and lower 12 bits; ``table``: `gauss_table`."""
+    """Writes Gaussian numbers of variance 1, each from the upper and lower 12 bits of a word.
+
+    Args:
+        words: (w,) random words.
+        table: `gauss_table`.
+        row: (w,) numbers that are written.
+    """
     half = np.float32(math.sqrt(0.5))
     for u in range(words.size):
         row[u] = half * (table[words[u] & np.uint32(4095)] + table[words[u] >> np.uint32(20)])

@@ -5,7 +5,17 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def columns(low: int, high: int, slope: float, value: float) -> tuple[int, int]:
-    """The part of columns [``low``, ``high``) where ``slope`` u + ``value`` >= 0 may hold, a column more to be safe."""
+    """Returns the columns where ``slope`` u + ``value`` >= 0 may hold, and one more to be safe.
+
+    Args:
+        low: first column.
+        high: end of the columns, exclusive.
+        slope: change of the value from one column to the next.
+        value: value at column 0.
+
+    Returns:
+        First column and end, exclusive.
+    """
     if slope > 1e-6:
         return max(low, int(max(-value / slope, -1e6))), high
     if slope < -1e-6:

@@ -201,6 +201,16 @@ def smooth_centrelines(
 
 
 def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Returns the product of (n, k) and (k, m). The library rounds a single row in another way than two and more."""
+    """Multiplies two matrices so that a row's product does not depend on the number of rows.
+
+    The library rounds the product of a single row differently from that of two and more.
+
+    Args:
+        rows: (n, k) matrix.
+        matrix: (k, m) matrix.
+
+    Returns:
+        (n, m) product.
+    """
     many = rows if len(rows) != 1 else np.repeat(rows, 2, axis=0)
     return (many @ matrix)[: len(rows)]

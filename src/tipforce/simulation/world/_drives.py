@@ -129,7 +129,12 @@ class Drive:
         self._targets: list[float] = []
 
     def command(self, row: int, target: float) -> None:
-        """Commands the axis to go to ``target`` from instant ``row`` on; NaN: to brake. Rows never decrease."""
+        """Commands the axis to go to a position.
+
+        Args:
+            row: instant from which the command holds; not before that of the last command.
+            target: position in the unit of the axis; NaN: to brake.
+        """
         self._rows.append(row)
         self._targets.append(target)
 
@@ -139,14 +144,30 @@ class Drive:
         return self._rows[0] + self.late if self._rows else None
 
     def commands(self, first: int, end: int) -> FloatArray:
-        """Returns the commands at the instants from ``first`` to ``end``; before instant 0, the first one."""
+        """Returns the commands at a range of instants; before instant 0, the first command.
+
+        Args:
+            first: first instant; it may be negative.
+            end: end of the instants, exclusive.
+
+        Returns:
+            (end - first,) positions in the unit of the axis; NaN: to brake.
+        """
         commanded = self.programme[np.clip(np.arange(first, end), 0, None)]
         for index in range(max(0, bisect_right(self._rows, first) - 1), len(self._rows)):
             commanded[max(0, self._rows[index] - first) :] = self._targets[index]
         return commanded
 
     def run(self, first: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Returns commands, positions, and positions in steps at the next instants; (end - first,) each."""
+        """Moves the axis over the next instants.
+
+        Args:
+            first: first instant: the end of the last run.
+            end: end of the instants, exclusive.
+
+        Returns:
+            Commands, positions, and positions in whole steps, (end - first,) each, in the unit of the axis.
+        """
         commanded, smooth = self.commands(first, end), self.programme[first:end].copy()
         places = smooth
         hand_over = self.taken_over

@@ -100,7 +100,13 @@ class ForceSensor:
         self._torque_noise_nm = settings.torque_noise_nm * rng.standard_normal((own.size, 3))
 
     def take(self, load: SensorLoad, first: int, end: int) -> None:
-        """Takes the readings from ``first`` to ``end``, exclusive, all within the times of ``load``."""
+        """Takes readings into the log.
+
+        Args:
+            load: load on the sensor; its times contain those of the readings.
+            first: number of the first reading.
+            end: end of the readings, exclusive.
+        """
         settings, log, rows = self.settings, self.log, slice(first, end)
         true = log.true_s[rows]
 

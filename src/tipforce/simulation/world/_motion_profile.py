@@ -104,21 +104,54 @@ class MotionProfile:
     breath_m: FloatArray
 
     def thinned(self, step: int, start_s: float, end_s: float) -> "MotionProfile":
-        """Returns every ``step``-th instant from ``start_s`` to ``end_s``."""
+        """Returns a part of the profile with fewer instants.
+
+        Args:
+            step: every ``step``-th instant is kept.
+            start_s: start of the part.
+            end_s: end of the part, inclusive.
+
+        Returns:
+            The thinned profile.
+        """
         rows = np.flatnonzero((self.time_s >= start_s) & (self.time_s <= end_s))[::step]
         return MotionProfile(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def push_m(self, bench_model: BenchModel, amplitude_m: float) -> FloatArray:
-        """Returns how far (m,) the wall would be beyond first contact if the standoff were 0."""
+        """Returns the distance of the wall beyond first contact if the standoff were 0.
+
+        Args:
+            bench_model: the bench.
+            amplitude_m: amplitude of the beat.
+
+        Returns:
+            (m,) distances along the wall's normal in metres.
+        """
         return amplitude_m * self.wave + self.breath_m + bench_model.reach_m(self.curvature_per_m)
 
     def standoff_m(self, bench_model: BenchModel, amplitude_m: float) -> float:
-        """Returns the standoff that leaves the tip free for the wanted share of the beats."""
+        """Returns the standoff that leaves the tip free for the wanted share of the beats.
+
+        Args:
+            bench_model: the bench.
+            amplitude_m: amplitude of the beat.
+
+        Returns:
+            The standoff in metres.
+        """
         beating = self.time_s > bench_model.settings.tare_s + APPROACH_S
         return float(np.quantile(self.push_m(bench_model, amplitude_m)[beating], bench_model.parameters.free_share))
 
     def programme_m(self, bench_model: BenchModel, motion: Motion) -> FloatArray:
-        """Returns commands (m, 2) of the stage, forward and across; during the tare it is out of the tip's reach."""
+        """Returns the commands of the stage; during the tare it is out of the tip's reach.
+
+        Args:
+            bench_model: the bench.
+            motion: amplitude of the beat, and standoff.
+
+        Returns:
+            (m, 2) positions in metres, along the wall's normal and across.
+        """
         push = self.push_m(bench_model, motion.amplitude_m)
         near = np.clip((self.time_s - bench_model.settings.tare_s) / APPROACH_S, 0.0, 1.0)
         away = (1.0 - near * near * (3.0 - 2.0 * near)) * (push.max() - motion.standoff_m + CLEARANCE_M)

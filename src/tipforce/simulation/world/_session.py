@@ -229,7 +229,11 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
 
 
 def require_long_enough(settings: WorldSettings) -> None:
-    """Raises InputError for a session with less than a second of beats: its motion cannot be solved."""
+    """Checks that a session has a second of beats or more, which its motion needs to be solved.
+
+    Raises:
+        InputError: the session is shorter.
+    """
     least = settings.tare_s + APPROACH_S + _MIN_BEATING_S
     if settings.seconds < least:
         raise InputError(

@@ -224,7 +224,15 @@ def integrate_trajectory(
 
 
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:
-    """Returns every ``every``-th instant of a trajectory."""
+    """Returns a trajectory with fewer instants.
+
+    Args:
+        trajectory: the trajectory.
+        every: every ``every``-th instant is kept, from the first on.
+
+    Returns:
+        The thinned trajectory.
+    """
     rows = {name: getattr(trajectory.contact, name)[::every] for name in _ROWS}
     others = [field.name for field in fields(Trajectory) if field.name not in ("contact", "radius_m")]
     plain = {name: getattr(trajectory, name)[::every] for name in others}

@@ -190,9 +190,14 @@ _OBJECTS: tuple[Callable[[SceneCanvas, np.random.Generator, FloatArray], None], 
 
 
 def lay_objects(canvas: SceneCanvas, rng: np.random.Generator, axis_px: FloatArray) -> None:
-    """As many objects as the scene has, at random places; ``axis_px`` (2, 2): base and unbent tip, image pixels.
+    """Paints the scene's objects at random positions on the table.
 
     With ``clear_m`` above 0, an object that would be nearer than that to the axis (without its shadow) is moved.
+
+    Args:
+        canvas: canvas with the painted table.
+        rng: random numbers of the objects.
+        axis_px: (2, 2) base and unbent tip of the catheter, image pixels.
     """
     h, w = canvas.transmittance.shape
     clear = canvas.scene.ground.clear_m * canvas.px_per_m
@@ -221,10 +226,19 @@ def lay_objects(canvas: SceneCanvas, rng: np.random.Generator, axis_px: FloatArr
 def paint_front_objects(
     scene: CameraScene, width: int, height: int, px_per_m: float, axis_px: FloatArray
 ) -> tuple[FloatImage, FloatImage]:
-    """(3, h, w) levels and (h, w) share of the view that objects near the camera, out of focus, leave free.
+    """Paints the objects near the camera, which are out of focus, at a quarter of the image's size.
 
-    Painted at a quarter of the image's size, for the blur leaves nothing of it to be seen. It stays off the catheter
-    as clutter on the ground does.
+    They keep clear of the catheter as objects on the table do.
+
+    Args:
+        scene: the scene.
+        width: width of the image in px.
+        height: height of the image in px.
+        px_per_m: scale of the image.
+        axis_px: (2, 2) base and unbent tip of the catheter, image pixels.
+
+    Returns:
+        (3, h, w) levels, and (h, w) share of the view that the objects leave free.
     """
     rng = np.random.default_rng([scene.seed, 5])
     small = (-(-width // _FRONT_FINER), -(-height // _FRONT_FINER))
@@ -388,7 +402,18 @@ GROUNDS = {
 
 
 def paint_background(scene: CameraScene, width: int, height: int, px_per_m: float, axis_px: FloatArray) -> SceneCanvas:
-    """The table at light 1. ``axis_px`` (2, 2): base and where an unbent tip would be, images' pixels."""
+    """Paints the table and the objects on it, at light 1.
+
+    Args:
+        scene: the scene.
+        width: width of the image in px.
+        height: height of the image in px.
+        px_per_m: scale of the image at the table.
+        axis_px: (2, 2) base and unbent tip of the catheter, image pixels.
+
+    Returns:
+        The canvas.
+    """
     rng = np.random.default_rng([scene.seed, 1])
     canvas = SceneCanvas.empty(width, height, px_per_m, scene)
     texture = GROUNDS[scene.ground.kind](canvas, scene.ground, rng)
@@ -402,7 +427,16 @@ def paint_background(scene: CameraScene, width: int, height: int, px_per_m: floa
 
 
 def illumination(scene: CameraScene, width: int, height: int) -> FloatImage:
-    """(h, w): how bright each place of the image is lit and seen; 1 is the middle of an even light of level 1."""
+    """Returns the brightness of the light at each pixel, vignetting of the lens included.
+
+    Args:
+        scene: the scene.
+        width: width of the image in px.
+        height: height of the image in px.
+
+    Returns:
+        (h, w) relative brightness, at least 0.02; 1 is the middle of an even light of level 1.
+    """
     light = scene.light
     v, u = np.mgrid[0:height, 0:width].astype(np.float32)
     x = (u - 0.5 * (width - 1)) / np.float32(0.5 * width)

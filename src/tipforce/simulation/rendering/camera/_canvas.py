@@ -47,7 +47,7 @@ class Patch:
         return cls(shape, found, patch)
 
     def around(self, reach: float) -> Part:
-        """The part and ``reach`` px more on every side, within the canvas."""
+        """Returns the part with ``reach`` px more on every side, within the canvas."""
         more = math.ceil(reach)
         rows, columns = (
             slice(max(0, side.start - more), min(side.stop + more, size))
@@ -56,13 +56,13 @@ class Patch:
         return rows, columns
 
     def within(self, part: Part) -> FloatImage:
-        """The cover in ``part``, which holds all of it."""
+        """Returns the cover in ``part``, which contains all of it."""
         whole = np.zeros((part[0].stop - part[0].start, part[1].stop - part[1].start), np.float32)
         whole[self.seen_from(part)] = self.values
         return whole
 
     def seen_from(self, part: Part) -> Part:
-        """Its own part, counted from the corner of ``part``, which holds all of it."""
+        """Returns the patch's part, counted from the corner of ``part``, which contains all of it."""
         (top, left), (rows, columns) = (side.start for side in part), self.part
         return slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
 
@@ -71,7 +71,7 @@ class Patch:
         return Patch(self.shape, self.part, self.values * np.float32(share))
 
     def joined(self, other: "Patch") -> "Patch":
-        """The greater cover of both."""
+        """Returns the greater cover of both."""
         if not self.values.size or not other.values.size:
             return self if self.values.size else other
         rows, columns = (
@@ -89,7 +89,17 @@ _SUBPIXEL = 4
 def multi_scale_noise(
     rng: np.random.Generator, shape: tuple[int, int], scales_px: tuple[float, ...], fall: float = 0.6
 ) -> FloatImage:
-    """(h, w) smooth noise of standard deviation 1: a sum over ``scales_px``, each next weighing ``fall`` times less."""
+    """Makes smooth noise: a sum of random fields of several scales.
+
+    Args:
+        rng: random numbers.
+        shape: (h, w) rows and columns.
+        scales_px: distances of the random numbers in px, one for each field; between them the field is cubic.
+        fall: weight of each field relative to that of the next coarser one.
+
+    Returns:
+        (h, w) noise of mean 0 and standard deviation 1.
+    """
     h, w = shape
     total, part = np.zeros(shape, np.float32), np.empty(shape, np.float32)
     for k, scale in enumerate(sorted(scales_px, reverse=True)):
@@ -105,7 +115,15 @@ def multi_scale_noise(
 
 
 def soften(image: FloatImage, sigma: float) -> FloatImage:
-    """Gaussian blur of ``sigma`` px; a wide one is done on a smaller image, where nothing of it can be seen."""
+    """Blurs an image; a wide blur is done on a smaller image, where the difference is not visible.
+
+    Args:
+        image: (h, w) or (h, w, c) image.
+        sigma: standard deviation of the Gaussian in px.
+
+    Returns:
+        The blurred image, of the same shape.
+    """
     shrink = int(sigma / 3.0)
     if shrink < 2:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), np.float32)
@@ -116,7 +134,16 @@ def soften(image: FloatImage, sigma: float) -> FloatImage:
 
 
 def band(start: FloatArray, end: FloatArray, half: float) -> FloatArray:
-    """(4, 2): the corners of a straight band ``half`` wide to either side."""
+    """Returns the corners of a straight band.
+
+    Args:
+        start: (2,) start of the band's middle line.
+        end: (2,) its end.
+        half: half the width of the band, in the same unit.
+
+    Returns:
+        (4, 2) corners in order around the band.
+    """
     way = (end - start) / np.linalg.norm(end - start)
     side = half * np.array([-way[1], way[0]])
     return np.stack([start - side, end - side, end + side, start + side])
@@ -137,7 +164,17 @@ class SceneCanvas:
 
     @classmethod
     def empty(cls, width: int, height: int, px_per_m: float, scene: CameraScene) -> "SceneCanvas":
-        """For a image of ``width`` x ``height`` in which a metre is ``px_per_m``."""
+        """Makes an empty canvas of `FINER` times the image's size.
+
+        Args:
+            width: width of the image in px.
+            height: height of the image in px.
+            px_per_m: image pixels for each metre.
+            scene: the scene.
+
+        Returns:
+            A canvas with levels 0 that lets all light through.
+        """
         shape = (height * FINER, width * FINER)
         return cls(np.zeros((*shape, 3), np.float32), np.ones(shape, np.float32), px_per_m * FINER, scene)
 
@@ -147,7 +184,16 @@ class SceneCanvas:
         return self.levels.shape[0], self.levels.shape[1]
 
     def outline(self, points: FloatArray, *, closed: bool = True, width: float = 1.0) -> Patch:
-        """Cover of a polygon, or of a line ``width`` wide through ``points`` (n, 2), canvas pixels."""
+        """Returns the anti-aliased cover of a polygon or a line.
+
+        Args:
+            points: (n, 2) corners, canvas pixels.
+            closed: whether the points bound a filled polygon; otherwise they are a line.
+            width: width of the line in canvas pixels.
+
+        Returns:
+            Share of each pixel that is covered.
+        """
         mask = np.zeros(self.shape, np.uint8)
         fixed = [np.round(points * 2**_SUBPIXEL).astype(np.int32)]
         if closed:
@@ -158,12 +204,28 @@ class SceneCanvas:
         return Patch.of(self.shape, part, mask[part].astype(np.float32) / np.float32(255.0))
 
     def disc(self, centre: FloatArray, radius: float) -> Patch:
-        """Cover of a disc."""
+        """Returns the cover of a disc.
+
+        Args:
+            centre: (2,) centre, canvas pixels.
+            radius: radius in canvas pixels.
+
+        Returns:
+            Share of each pixel that is covered.
+        """
         turn = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
         return self.outline(centre + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1))
 
     def box(self, points: FloatArray, reach: float) -> Part:
-        """The part of the canvas around ``points`` (n, 2), and ``reach`` px more."""
+        """Returns the part of the canvas around points.
+
+        Args:
+            points: (n, 2) points, canvas pixels.
+            reach: margin on every side in canvas pixels.
+
+        Returns:
+            Rows and columns, within the canvas.
+        """
         ends = np.array(self.shape[::-1])
         u0, v0 = np.clip(np.floor(points.min(axis=0) - reach), 0, ends).astype(int).tolist()
         u1, v1 = np.clip(np.ceil(points.max(axis=0) + reach) + 1, 0, ends).astype(int).tolist()
@@ -177,9 +239,13 @@ class SceneCanvas:
         height_m: float = 0.0,
         shading: FloatImage | float = 1.0,
     ) -> None:
-        """Lays an object of ``colour`` times ``shading`` over the canvas, after its shadow if it is high.
+        """Lays an object over the canvas, after its shadow if it is high.
 
-        A image of either is of ``cover.part``.
+        Args:
+            cover: share of each pixel that the object covers.
+            colour: RGB grey levels, or an image (rows, columns, 3) of ``cover.part``.
+            height_m: height of the object, which determines its shadow; 0: no shadow.
+            shading: factor of the colour, or an image (rows, columns) of ``cover.part``.
         """
         if height_m > 0.0:
             self.darken(cover, height_m)
@@ -190,7 +256,15 @@ class SceneCanvas:
         self.changed.append(cover.part)
 
     def bevel(self, cover: Patch, width_px: float) -> FloatImage:
-        """Shading around 1 of a thing with rounded edges in its part: brighter where they face the lamps."""
+        """Returns the shading of an object with rounded edges, which are brighter where they face the lamps.
+
+        Args:
+            cover: share of each pixel that the object covers.
+            width_px: width of the rounded edge in canvas pixels.
+
+        Returns:
+            (rows, columns) factors of the colour in ``cover.part``, 0.3 to 1.9; 1 away from the edges.
+        """
         part = cover.around(4.0 * width_px)
         soft = soften(cover.within(part), max(0.8, width_px))
         lean_u = cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=0.125) * np.float32(width_px * 2.5)
@@ -202,7 +276,12 @@ class SceneCanvas:
         return np.clip(bright[cover.seen_from(part)], 0.3, 1.9)
 
     def darken(self, cover: Patch, height_m: float) -> None:
-        """Casts the shadows of an object of height ``height_m`` that covers ``cover``."""
+        """Casts the shadows of an object.
+
+        Args:
+            cover: share of each pixel that the object covers.
+            height_m: height of the object.
+        """
         soft = max(0.6, self.scene.shadow_sigma_m(height_m) * self.px_per_m)
         corner = max(1.0, 0.5 * height_m * self.px_per_m)
         falls = self.scene.shadow_falls_m(height_m)

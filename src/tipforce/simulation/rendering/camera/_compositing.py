@@ -24,7 +24,13 @@ FloatImage = npt.NDArray[np.float32]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def restore(clean: FloatImage, ground: FloatImage, box: Box) -> None:
-    """Copy ``ground`` into ``clean`` within ``box``."""
+    """Copies the ground into a part of the image.
+
+    Args:
+        clean: (c, h, w) image that is written.
+        ground: (c, h, w) ground.
+        box: part of the image.
+    """
     for k in range(clean.shape[0]):
         for v in range(box[0], box[1]):
             clean[k, v, box[2] : box[3]] = ground[k, v, box[2] : box[3]]
@@ -32,9 +38,15 @@ def restore(clean: FloatImage, ground: FloatImage, box: Box) -> None:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def cast(clean: FloatImage, shade: FloatImage, coarse: int, box: Box) -> None:
-    """Darken ``clean`` within ``box`` by ``shade`` (rows, columns), one number for ``coarse`` x ``coarse`` pixels.
+    """Darkens a part of the image by a shadow, which is interpolated linearly between its coarse pixels.
 
-    Linear between them: a shadow softer than three of their steps shows nothing of it. ``shade`` is empty afterwards.
+    A shadow softer than three coarse pixels shows no trace of them.
+
+    Args:
+        clean: (c, h, w) image that is changed.
+        shade: (rows, columns) share of the light that is hidden, by coarse pixel; all 0 afterwards.
+        coarse: image pixels for each coarse pixel, in either direction.
+        box: part of the image.
     """
     one = np.float32(1.0)
     rows, columns = shade.shape
@@ -59,7 +71,14 @@ def cast(clean: FloatImage, shade: FloatImage, coarse: int, box: Box) -> None:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def lay_tubes(clean: FloatImage, light: FloatImage, drawn: FloatImage, box: Box) -> None:
-    """Composes ``drawn`` (h, w, 1 + c), lit by ``light`` (h, w), over ``clean``; ``drawn`` is empty afterwards."""
+    """Composes a tube over the image.
+
+    Args:
+        clean: (c, h, w) image that is changed.
+        light: (h, w) brightness of the light.
+        drawn: (h, w, 1 + c) cover and unlit levels times cover; all 0 afterwards.
+        box: part of the image.
+    """
     for v in range(box[0], box[1]):
         for u in range(box[2], box[3]):
             cover = drawn[v, u, 0]
@@ -72,7 +91,13 @@ def lay_tubes(clean: FloatImage, light: FloatImage, drawn: FloatImage, box: Box)
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def lay_foreground(clean: FloatImage, front: FloatImage, box: Box) -> None:
-    """Composes ``front`` (c + 1, h, w), already lit, over ``clean``."""
+    """Composes the foreground over the image.
+
+    Args:
+        clean: (c, h, w) image that is changed.
+        front: (c + 1, h, w) lit levels times cover, and the visible share of the layers behind.
+        box: part of the image.
+    """
     c = clean.shape[0]
     for v in range(box[0], box[1]):
         left = front[c, v, box[2] : box[3]]
@@ -162,11 +187,17 @@ def lay_moving(
     indentation: FloatArray,
     dirty: npt.NDArray[np.int64],
 ) -> None:
-    """Composes ``sprite`` (2, 2, c + 1, rows, columns) over ``clean``: the mean over ``shifts`` (m, 2).
+    """Composes a moving sprite over the image: the mean over the instants of the exposure.
 
-    Its first two axes are half-pixel phases. A image's pixel (u, v) shows the sprite at (u, v) + shift. ``spans``
-    (rows, 4): where each row has something, from and to, and where it has light of its own. ``middle`` (m, 2): where
-    the indentation is, px; ``indentation`` as in `_gather_indented`. ``dirty`` (4,) is widened.
+    Args:
+        clean: (c, h, w) image that is changed.
+        light: (h, w) brightness of the light.
+        sprite: (2, 2, c + 1, rows, columns) layer by half-pixel phase in v and u.
+        spans: (rows, 4) first column and end of the sprite's content in each row, and of its content with own light.
+        shifts: (m, 2) position in the sprite minus position in the image at each instant, px.
+        middle: (m, 2) centre of the indentation at each instant, px.
+        indentation: (4,) unit vector into the tissue (2), depth and width of the indentation in px; depth 0: none.
+        dirty: (4,) first row, end row, first column and end column of the changed part; it is widened.
     """
     c, h, w = clean.shape
     count = shifts.shape[0]
@@ -254,7 +285,15 @@ class Buffers:
 def compose(
     layers: StaticLayers, buffers: Buffers, shapes_m: FloatArray, tissue: TissueState | None, time_s: float
 ) -> None:
-    """Leave the light of one frame in ``buffers.clean``."""
+    """Composes one frame before noise in ``buffers.clean``.
+
+    Args:
+        layers: static layers of the session.
+        buffers: buffers of this thread.
+        shapes_m: (m, n, 3) axis of the catheter at m instants evenly spread over the exposure, base frame.
+        tissue: position of the tissue; None: no tissue is drawn.
+        time_s: time that determines the sway of the second instrument.
+    """
     restore(buffers.clean, layers.ground, buffers.dirty)
     dirty = _NOTHING
     scene, camera, focus = layers.scene, layers.camera, layers.focus
@@ -284,7 +323,16 @@ def compose(
 
 
 def draw_tube(buffers: Buffers, tube: Tube, nodes: TubeNodes) -> Box:
-    """The mean of ``nodes`` over the exposure into ``buffers.drawn``; where."""
+    """Draws the mean of a tube over the exposure into ``buffers.drawn``.
+
+    Args:
+        buffers: buffers of this thread.
+        tube: constant parts of the tube.
+        nodes: its axis in the image at each instant.
+
+    Returns:
+        The part of the image that contains the tube.
+    """
     profile = tube.profile
     for moment in nodes.nodes:
         add_tube(
@@ -305,7 +353,17 @@ def draw_tube(buffers: Buffers, tube: Tube, nodes: TubeNodes) -> Box:
 
 
 def lay_phantom(clean: FloatImage, layers: StaticLayers, sprite: FloatImage, tissue: TissueState) -> Box:
-    """The tissue with its shadow over ``clean`` (c, h, w), from ``sprite``, which may be another than the painted."""
+    """Composes the tissue with its shadow over the image.
+
+    Args:
+        clean: (c, h, w) image that is changed.
+        layers: static layers of the session, with a phantom.
+        sprite: (2, 2, c + 1, rows, columns) sprite of the phantom, or another of this shape.
+        tissue: position of the tissue.
+
+    Returns:
+        The part of the image that was changed.
+    """
     phantom = layers.phantom
     assert phantom is not None
     home = layers.camera.project(phantom.home_m[None])[0]

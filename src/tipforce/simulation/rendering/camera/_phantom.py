@@ -42,7 +42,20 @@ class Phantom:
 def paint_phantom(
     scene: CameraScene, camera: CameraModel, home: TissueHome, width: int, height: int, channels: int, sigma_px: float
 ) -> Phantom:
-    """The phantom as it is seen at ``home``, blurred by ``sigma_px``, unlit."""
+    """Paints the phantom at its home, blurred and unlit.
+
+    Args:
+        scene: the scene.
+        camera: camera that sees the base frame.
+        home: surface of the phantom at rest, base frame.
+        width: width of the image in px.
+        height: height of the image in px.
+        channels: 1 for a grey sprite, 3 for RGB.
+        sigma_px: standard deviation of the image's blur.
+
+    Returns:
+        The phantom as `lay_moving` draws it.
+    """
     appearance = scene.tissue
     home_px, slopes = (a[0] for a in camera.project_with_slopes(home.surface_m[None]))
     seen = slopes @ home.into

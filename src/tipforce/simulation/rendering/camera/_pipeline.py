@@ -18,7 +18,18 @@ FloatImage = npt.NDArray[np.float32]
 def develop(
     clean: FloatImage, pipeline: SensorPipeline, noise: SensorNoise, key: npt.NDArray[np.uint32], table: FloatImage
 ) -> Image:
-    """(3, h, w) RGB or (1, h, w) grey light -> (h, w, 3) or (h, w) image; ``key``: see `frame_key`."""
+    """Makes the image that a camera with this pipeline saves.
+
+    Args:
+        clean: (3, h, w) RGB or (1, h, w) grey light before noise, grey levels.
+        pipeline: mosaic, sharpening and conversion to grey.
+        noise: noise of the sensor.
+        key: (3,) key of the frame, see `frame_key`.
+        table: `gauss_table`.
+
+    Returns:
+        (h, w, 3) RGB or (h, w) grey image.
+    """
     mosaic = pipeline.mosaic and len(clean) == 3
     light = _mosaic(clean) if mosaic else clean
     sites = np.empty(light.shape, np.uint8)

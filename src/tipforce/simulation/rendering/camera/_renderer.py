@@ -47,7 +47,17 @@ class CameraRenderer:
     def render(
         self, shapes_m: FloatArray, tissue: TissueState | None = None, *, frame: int = 0, time_s: float = 0.0
     ) -> Image:
-        """(h, w, 3) RGB or (h, w) grey image. ``frame`` picks the noise; ``time_s``: of the instrument's sway."""
+        """Draws an image.
+
+        Args:
+            shapes_m: (m, n, 3) axis of the catheter.
+            tissue: position of the tissue; None: no tissue is drawn.
+            frame: number of the frame, which determines the noise.
+            time_s: time that determines the sway of the second instrument.
+
+        Returns:
+            (h, w, 3) RGB or (h, w) grey image.
+        """
         buffers, noise = self._composed(shapes_m, tissue, time_s), self.scene.noise
         key = frame_key(self.scene.seed, frame)
         if self.scene.pipeline is not None:
@@ -62,7 +72,16 @@ class CameraRenderer:
     def clean(
         self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0
     ) -> npt.NDArray[np.float32]:
-        """(h, w, 3) or (h, w): the light that `render` adds noise to, grey levels, neither rounded nor clipped."""
+        """Draws the light of an image, to which `render` adds noise.
+
+        Args:
+            shapes_m: (m, n, 3) axis of the catheter.
+            tissue: position of the tissue; None: no tissue is drawn.
+            time_s: time that determines the sway of the second instrument.
+
+        Returns:
+            (h, w, 3) or (h, w) grey levels, neither rounded nor clipped.
+        """
         buffers = self._composed(shapes_m, tissue, time_s)
         return (
             buffers.clean[0].copy()
@@ -71,7 +90,16 @@ class CameraRenderer:
         )
 
     def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> ImageTruth:
-        """Returns the visible catheter in that image."""
+        """Returns the visible catheter in the image that `render` draws of the same arguments.
+
+        Args:
+            shapes_m: (m, n, 3) axis of the catheter.
+            tissue: position of the tissue; None: no tissue is drawn.
+            time_s: time that determines the sway of the second instrument.
+
+        Returns:
+            The truth at the middle of the exposure.
+        """
         return image_truth(self._layers, self._buffers(), shapes_m, tissue, time_s)
 
     def _composed(self, shapes_m: FloatArray, tissue: TissueState | None, time_s: float) -> Buffers:
@@ -89,7 +117,18 @@ class CameraRenderer:
 def image_truth(
     layers: StaticLayers, buffers: Buffers, shapes_m: FloatArray, tissue: TissueState | None, time_s: float
 ) -> ImageTruth:
-    """Truth of the image that `compose` makes of the same arguments."""
+    """Returns the truth of the image that `compose` makes of the same arguments.
+
+    Args:
+        layers: static layers of the session.
+        buffers: buffers of this thread.
+        shapes_m: (m, n, 3) axis of the catheter at m instants evenly spread over the exposure, base frame.
+        tissue: position of the tissue; None: no tissue is drawn.
+        time_s: time that determines the sway of the second instrument.
+
+    Returns:
+        The visible catheter at the middle of the exposure.
+    """
     shape = sample_exposure(shapes_m, 1)
     h, w = layers.light.shape
     left = _left_in_front(layers, buffers, tissue, time_s)

@@ -22,7 +22,15 @@ class SensorNoise:
 
     @classmethod
     def at_mid_grey(cls, sigma_grey: float, *, read_share: float) -> "SensorNoise":
-        """Noise of ``sigma_grey`` at level 128, of which ``read_share`` (of the sigma) comes from reading out."""
+        """Makes noise of a given standard deviation at level 128.
+
+        Args:
+            sigma_grey: standard deviation in grey levels.
+            read_share: share of this standard deviation that is read noise, 0 to 1.
+
+        Returns:
+            The noise.
+        """
         read = read_share * sigma_grey
         return cls((sigma_grey**2 - read**2) / 128.0, read)
 
@@ -246,7 +254,15 @@ class Lens:
     defocus_px_per_m: float
 
     def camera(self, width: int = 640, height: int = 480) -> CameraModel:
-        """The camera; the scale is for 640 columns and shrinks with more of them. World = base frame."""
+        """Returns the camera model; its world is the base frame.
+
+        Args:
+            width: width of the image in px; the scale is for 640 columns and shrinks with more of them.
+            height: height of the image in px.
+
+        Returns:
+            The camera model.
+        """
         scale = self.scale_m_per_px * 640.0 / width
         centre = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
         origin = np.array([-0.5, centre[1]]) + np.array(self.base_at_m) / scale
@@ -286,7 +302,15 @@ class CameraScene:
     front_blur_px: float = 0.0
 
     def camera(self, width: int = 640, height: int = 480) -> CameraModel:
-        """The camera of this scene; see `Lens.camera`."""
+        """Returns the camera model of this scene, see `Lens.camera`.
+
+        Args:
+            width: width of the image in px.
+            height: height of the image in px.
+
+        Returns:
+            The camera model; its world is the base frame.
+        """
         return self.lens.camera(width, height)
 
     def shadow_falls_m(self, depth_m: float) -> list[tuple[float, float, float]]:

@@ -207,9 +207,17 @@ def sample_scene(
     framing: Framing | None = None,
     catheter_rng: np.random.Generator | None = None,
 ) -> CameraScene:
-    """One session's scene. ``length_m``: of the catheter, base to apex, which covers and instruments are laid along.
+    """Draws the scene of one session.
 
-    Where the ranges have a ``variety``, it is drawn with ``framing`` and ``catheter_rng``, see `vary_scene`.
+    Args:
+        ranges: ranges from which the scene is drawn; their ``variety`` needs ``framing`` and ``catheter_rng``.
+        rng: random numbers of the scene.
+        length_m: length of the catheter, base to apex, along which covers and instruments are placed.
+        framing: positions of catheter and tissue.
+        catheter_rng: random numbers that all sessions of a catheter share.
+
+    Returns:
+        The scene.
 
     >>> one, two = (sample_scene(SceneRanges(), np.random.default_rng(3)) for _ in range(2))
     >>> one == two

@@ -17,7 +17,15 @@ FloatImage = npt.NDArray[np.float32]
 
 
 def frame_key(seed: int, frame: int) -> npt.NDArray[np.uint32]:
-    """(3,) words that no other ``seed`` and ``frame`` share but by chance (2^-96)."""
+    """Returns the key from which the noise of a frame is drawn.
+
+    Args:
+        seed: seed of the scene.
+        frame: number of the frame.
+
+    Returns:
+        (3,) words that another seed and frame have with a probability of 2^-96 only.
+    """
     return np.random.SeedSequence([seed, frame]).generate_state(3, np.uint32).astype(np.uint32)
 
 
@@ -50,10 +58,18 @@ def _bend_row(levels: FloatImage, gain: np.float32, read: np.float32, row: Float
 def add_noise(
     clean: FloatImage, key: npt.NDArray[np.uint32], table: FloatImage, gain: float, read: float, planes: Image
 ) -> None:
-    """``clean`` (c, h, w) with c = 1 or 3 plus noise, rounded and clipped, into ``planes`` (c, h, w).
+    """Adds noise to the light of an image, and rounds and clips it.
 
-    Of a colour image, all channels of a pixel get the same noise, that of its grey level: so its conversion to grey
-    has the noise of a grey camera, and the colour itself is as clean as cameras make it before they save.
+    All channels of a pixel of a colour image get the same noise, that of its grey level. So its conversion to grey has
+    the noise of a grey camera, and the colour itself is as clean as cameras make it before they save.
+
+    Args:
+        clean: (c, h, w) light with c = 1 or 3, grey levels.
+        key: (3,) key of the frame, see `frame_key`.
+        table: `gauss_table`.
+        gain: grey levels for each electron; the variance of the shot noise is this times the level.
+        read: standard deviation of the read noise in grey levels.
+        planes: (c, h, w) image that is written.
     """
     c, h, w = clean.shape
     words = np.empty(w, np.uint32)

@@ -97,7 +97,19 @@ _STOPPER_WIDER = 1.7
 def paint_foreground(
     scene: CameraScene, camera: CameraModel, width: int, height: int, px_per_m: float, sigma_px: float
 ) -> FloatImage | None:
-    """(4, h, w): unlit levels times cover, and the share of the view behind that is left; None without covers."""
+    """Paints the covers in front of the catheter.
+
+    Args:
+        scene: the scene.
+        camera: camera that sees the base frame.
+        width: width of the image in px.
+        height: height of the image in px.
+        px_per_m: scale of the image at the catheter.
+        sigma_px: standard deviation of the image's blur.
+
+    Returns:
+        (4, h, w) unlit levels times cover, and the visible share of the view behind; None without covers.
+    """
     if not scene.occluders and scene.cover is None:
         return None
     rng = np.random.default_rng([scene.seed, 3])

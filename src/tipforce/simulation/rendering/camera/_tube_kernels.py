@@ -196,9 +196,14 @@ def add_tube(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def add_shadow(shade: FloatImage, nodes: FloatArray, fall: FloatArray, sigma: float, strength: float) -> None:
-    """Raise ``shade`` (h, w) to ``strength`` times the share of the lamp that the tube hides.
+    """Raises a shadow to the share of a lamp's light that a tube hides.
 
-    ``fall`` (2,): from the tube to its shadow, px; ``sigma``: softness, px.
+    Args:
+        shade: (h, w) share of the light that is hidden; it is changed where the tube hides more.
+        nodes: (n, 8) nodes of the axis in px, see `NODE_SIZE`.
+        fall: (2,) way from the tube to its shadow in px.
+        sigma: softness of the shadow's edge in px.
+        strength: share of the lamp in all light.
     """
     h, w = shade.shape
     count = nodes.shape[0]

@@ -63,7 +63,18 @@ def _shade(normal: FloatArray, lamps: tuple[Lamp, ...], ambient: float, finish: 
 def tube_profile(
     lamps: tuple[Lamp, ...], ambient: float, finish: TubeFinish, half_width_px: float, blur_px: tuple[float, float]
 ) -> TubeProfile:
-    """Tables for a tube of ``half_width_px`` under ``lamps`` and all-round light ``ambient``, for ``blur_px``."""
+    """Makes the shading tables of a tube.
+
+    Args:
+        lamps: the lamps.
+        ambient: light from all directions, in the unit of the lamps' strength.
+        finish: colours and gloss of the tube.
+        half_width_px: half the width of the tube in the image.
+        blur_px: smallest and largest standard deviation of the image's blur.
+
+    Returns:
+        The tables.
+    """
     reach = math.ceil(half_width_px + 4.0 * blur_px[1]) + 1.0
     at = np.linspace(-reach, reach, 2 * int(reach) * STEPS_PER_PX + 1)
     borders = np.sin(np.linspace(-math.pi / 2, math.pi / 2, _CELLS + 1))
@@ -145,10 +156,23 @@ def _sides(points: FloatArray, slopes_3d: FloatArray, position: FloatArray, radi
 def project_tube(
     shapes: FloatArray, length_m: float, radius_m: float, behind_m: float, camera: CameraModel, focus: Focus
 ) -> TubeNodes:
-    """Nodes of a tube whose axis has ``shapes`` (instants, n, 3), base to the tip's apex, uniform in arc length.
+    """Projects a tube into the image: the middle between its two outlines.
 
-    The tube goes on straight for ``behind_m`` behind the base; it ends in a dome. The axis in the image is
-    the middle between its two outlines; the projected axis is within 0.005 px of it.
+    The projected axis is within 0.005 px of this middle. The tube ends in a dome.
+
+    Args:
+        shapes: (instants, n, 3) axis, base to the tip's apex, uniform in arc length.
+        length_m: length of the axis.
+        radius_m: radius of the tube.
+        behind_m: length for which the tube goes on straight behind the base.
+        camera: camera model whose world is the frame of the shapes.
+        focus: blur by depth.
+
+    Returns:
+        The nodes of the axis in the image.
+
+    Raises:
+        ValueError: the tube reaches behind the camera or beyond the image of its lens.
     """
     count, n = shapes.shape[:2]
     stretches = max(4, math.ceil((length_m - radius_m) / NODE_DISTANCE_M))
@@ -200,7 +224,16 @@ class Tube:
     braid: FloatArray
 
     def nodes(self, shapes_m: FloatArray, camera: CameraModel, focus: Focus) -> TubeNodes:
-        """Where to draw the tube with ``shapes_m`` (m, n, 3)."""
+        """Projects the tube into the image.
+
+        Args:
+            shapes_m: (m, n, 3) axis, base to apex, uniform in arc length.
+            camera: camera model whose world is the frame of the shapes.
+            focus: blur by depth.
+
+        Returns:
+            The nodes of the axis in the image.
+        """
         return project_tube(shapes_m, self.length_m, self.radius_m, STRAIGHT_BEHIND_M, camera, focus)
 
 
@@ -213,7 +246,20 @@ def make_tube(
     depth_m: float,
     seed: int,
 ) -> Tube:
-    """A tube of ``length_m`` seen at about ``depth_m`` from the camera."""
+    """Makes the constant parts of a tube.
+
+    Args:
+        scene: the scene, for its lamps and its colour.
+        appearance: radius, finish and rings of the tube.
+        length_m: length of the axis.
+        px_per_m: scale of the image at the tube.
+        focus: blur by depth.
+        depth_m: approximate distance of the tube from the camera.
+        seed: seed of the wear along the tube.
+
+    Returns:
+        The tube.
+    """
     # The tables reach from the sharpest to the most blurred that the tube can come to be by leaving its plane.
     near = [focus.sigma_px(depth_m + off) for off in (-12e-3, 0.0, 12e-3)]
     blurs = (0.97 * focus.sharp_px, 1.05 * max(near) + 0.05)
@@ -258,7 +304,16 @@ def _materials(appearance: CatheterAppearance, length_m: float, channels: int, s
 
 
 def instrument_shape(scene: CameraScene, instrument: Instrument, time_s: float) -> FloatArray:
-    """(33, 3): the second instrument's axis in the base frame at ``time_s``, metres."""
+    """Returns the axis of the second instrument.
+
+    Args:
+        scene: the scene.
+        instrument: the instrument.
+        time_s: time that determines its sway.
+
+    Returns:
+        (33, 3) points in metres, base frame.
+    """
     height = _IN_FRONT_M if instrument.in_front else -_BEHIND_SHARE * scene.ground.depth_m
     share = np.linspace(0.0, 1.0, _NODES)
     start, end = np.array(instrument.start_m), np.array(instrument.end_m)
@@ -271,7 +326,17 @@ def instrument_shape(scene: CameraScene, instrument: Instrument, time_s: float) 
 
 
 def make_instrument(scene: CameraScene, px_per_m: float, focus: Focus, depth_m: float) -> Tube | None:
-    """The scene's second instrument, if there is one."""
+    """Makes the constant parts of the scene's second instrument.
+
+    Args:
+        scene: the scene.
+        px_per_m: scale of the image at the catheter.
+        focus: blur by depth.
+        depth_m: distance of the catheter's plane from the camera.
+
+    Returns:
+        The instrument's tube; None without one.
+    """
     instrument = scene.instrument
     if instrument is None:
         return None

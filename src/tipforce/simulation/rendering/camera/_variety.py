@@ -101,7 +101,16 @@ class Framing:
 
 
 def tinted(rng: np.random.Generator, grey: float, tint: float) -> Colour:
-    """A colour that is seen as ``grey`` by a grey camera."""
+    """Draws a colour of a given grey level.
+
+    Args:
+        rng: random numbers.
+        grey: level of the colour in a grey camera.
+        tint: largest relative deviation of a channel before the colour is scaled to ``grey``.
+
+    Returns:
+        RGB grey levels.
+    """
     rgb = 1.0 + tint * rng.uniform(-1.0, 1.0, 3)
     rgb *= grey / float(rgb @ (0.299, 0.587, 0.114))
     return float(rgb[0]), float(rgb[1]), float(rgb[2])
@@ -114,7 +123,18 @@ def vary_scene(
     rng: np.random.Generator,
     catheter_rng: np.random.Generator,
 ) -> CameraScene:
-    """``scene`` with all that ``variety`` draws; ``catheter_rng`` is the same for all sessions of a catheter."""
+    """Draws the variation of another bench and applies it to a scene.
+
+    Args:
+        scene: the scene.
+        variety: ranges of the variation.
+        framing: positions of catheter and tissue.
+        rng: random numbers of the bench.
+        catheter_rng: random numbers that all sessions of a catheter share.
+
+    Returns:
+        The varied scene.
+    """
     catheter, grey = _catheter(scene.catheter, variety, catheter_rng)
     ground = replace(scene.ground, colour=tinted(rng, _ground_grey(variety, grey, rng), 0.15))
     least = variety.bright_grey / max(grey, float(np.dot(ground.colour, (0.299, 0.587, 0.114))))

@@ -66,7 +66,15 @@ def _off(point: FloatArray, x: float, y: float, z: float) -> FloatArray:
 
 
 def spine_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
-    """Vertebrae with end plates, pedicles, spinous and transverse processes."""
+    """Makes the vertebrae, with end plates, pedicles, spinous and transverse processes.
+
+    Args:
+        anatomy: position and density of the spine.
+        rng: random numbers of the patient.
+
+    Returns:
+        The parts in the patient's frame, in metres.
+    """
     x0, y0 = (1e3 * a for a in anatomy.spine_m)
     pitch, disc = rng.uniform(25, 30), rng.uniform(3.5, 6.0)
     offset = rng.uniform(0, pitch)
@@ -107,7 +115,15 @@ def spine_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
 
 
 def chest_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
-    """The parts that move a little with the breath: ribs, the lung's vessels, sternal wires, leads on the skin."""
+    """Makes the parts that move a little with the breath: ribs, vessels of the lung, sternal wires, leads on the skin.
+
+    Args:
+        anatomy: the patient.
+        rng: random numbers of the patient.
+
+    Returns:
+        The parts in the patient's frame, in metres.
+    """
     return [*_ribs(anatomy, rng), *_vessels(anatomy, rng), *_sternal(anatomy, rng), *_leads(anatomy, rng)]
 
 

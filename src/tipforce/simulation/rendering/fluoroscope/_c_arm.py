@@ -55,7 +55,15 @@ class CArm:
         return np.array([math.cos(r) * right + math.sin(r) * up, math.cos(r) * up - math.sin(r) * right, toward])
 
     def camera(self, width: int = 512, height: int = 512) -> CameraModel:
-        """The pinhole at the focal spot; its world is the patient's frame; fx is negative (see `CameraModel`)."""
+        """Returns the pinhole camera at the focal spot; fx is negative (see `CameraModel`).
+
+        Args:
+            width: width of the image in px.
+            height: height of the image in px.
+
+        Returns:
+            The camera model; its world is the patient's frame.
+        """
         axes = self.display_axes()
         finer = width / 512.0
         focal = self.source_object_m / self.scale_m_per_px * finer
@@ -69,9 +77,16 @@ class CArm:
 
 
 def perturbed(true: CArm, rms_px: float, rng: np.random.Generator, *, reach_m: float = 40e-3) -> CArm:
-    """``true`` with calibration errors in all its numbers that move points within ``reach_m`` by ``rms_px`` (RMS).
+    """Adds calibration errors to all numbers of a C-arm.
 
-    The points are the corners and the middle of a cube around the isocentre; the image has 512 columns.
+    Args:
+        true: the true C-arm.
+        rms_px: RMS shift of the corners and the middle of a cube around the isocentre, in an image of 512 columns.
+        rng: random numbers of the errors.
+        reach_m: half the edge of this cube.
+
+    Returns:
+        The C-arm as calibrated.
     """
     grid = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]) * reach_m
     seen = true.camera().project(grid)

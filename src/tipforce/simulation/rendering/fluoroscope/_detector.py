@@ -38,7 +38,17 @@ class PhotonTables:
 
 
 def frame_key(seed: int, view: int, frame: int, purpose: int) -> Words:
-    """(3,) words that no other session, view, frame and purpose share but by chance."""
+    """Returns the key from which the noise of an image is drawn.
+
+    Args:
+        seed: seed of the scene.
+        view: number of the view.
+        frame: number of the frame.
+        purpose: 0 for photons, 1 for the read-out.
+
+    Returns:
+        (3,) words that other arguments have with a probability of 2^-96 only.
+    """
     return np.random.SeedSequence([seed, view, frame, purpose]).generate_state(3, np.uint32).astype(np.uint32)
 
 
@@ -91,7 +101,15 @@ def _many(means: FloatImage, row: FloatImage) -> None:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def sample_photons(means: FloatImage, key: Words, alias: Words, gauss: FloatImage, counts: PhotonCounts) -> None:
-    """Poisson numbers of ``means`` (h, w) into ``counts`` (h, w); more than 65,535 are cut off."""
+    """Draws Poisson numbers; those above 65,535 are cut off.
+
+    Args:
+        means: (h, w) expected photons.
+        key: (3,) key of the image, see `frame_key`.
+        alias: alias tables, see `PhotonTables`.
+        gauss: `gauss_table`.
+        counts: (h, w) photons that are written.
+    """
     h, w = means.shape
     words, row = np.empty(w, np.uint32), np.empty(w, np.float32)
     top, zero, few = np.float32(65535.0), np.float32(0.0), np.float32(FEW)
@@ -138,7 +156,16 @@ class Curve:
 
 
 def display_curve(detector: Detector, mean: float, bits: int) -> Curve:
-    """``mean``: the signal, in photons, that the exposure control holds."""
+    """Makes the display's curve.
+
+    Args:
+        detector: the detector, with the kind of its curve and its contrast.
+        mean: photons that the exposure control holds.
+        bits: bits of a grey level.
+
+    Returns:
+        Grey levels from 0 to 20 ``mean`` photons.
+    """
     top = float((1 << bits) - 1)
     most = math.sqrt(20.0 * mean)
     signal = np.linspace(0.0, most, _POINTS) ** 2
@@ -178,7 +205,16 @@ def sum_with_lag(planes: Sequence[PhotonCounts], weights: FloatArray, total: Flo
 
 
 def blurred(signal: FloatImage, detector: Detector, finer: float) -> FloatImage:
-    """The light's spread in the detector; ``finer``: pixels a pixel of a image of 512 columns."""
+    """Spreads the light in the detector.
+
+    Args:
+        signal: (h, w) photons.
+        detector: the detector, with its blur.
+        finer: columns of the image / 512.
+
+    Returns:
+        (h, w) photons.
+    """
     near, far = (finer * sigma for sigma in detector.blur_px)
     share = detector.blur_tail
     core = cv2.GaussianBlur(signal, _size(near), near, borderType=cv2.BORDER_REPLICATE)
@@ -206,7 +242,18 @@ def read_out(
     per_root: float,
     image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
 ) -> None:
-    """``signal`` (h, w) in photons with electronic noise, by the display's curve, rounded, into ``image``."""
+    """Adds electronic noise to the signal and converts it to grey levels by the display's curve.
+
+    Args:
+        signal: (h, w) photons.
+        key: (3,) key of the image, see `frame_key`.
+        gauss: `gauss_table`.
+        electronic: standard deviation of a pixel's noise in photons.
+        line_noise: standard deviation of a row's noise in photons.
+        levels: (n,) grey levels of the `Curve`.
+        per_root: its levels for a root of one photon.
+        image: (h, w) image that is written.
+    """
     h, w = signal.shape
     words, row, of_rows = np.empty(w, np.uint32), np.empty(w, np.float32), np.empty(h, np.float32)
     of_words = np.empty(h, np.uint32)

@@ -25,14 +25,23 @@ def write_dicom(
     view: int = 0,
     bits: int = 8,
 ) -> None:
-    """Write ``frames`` (n of (h, w), of one `XrayRenderer` with ``bits``) with their stamps as one multi-frame file.
+    """Writes images of one view with their stamps as one multi-frame file, lossless and not compressed.
 
     Geometry is the calibration as stated, never the truth. Times are the stamps: ContentTime is their zero, FrameDelay
     and FrameTimeVector count from there, so planes of one run stay on one clock with any dropped frames. Planes
-    of one scene share study, series and frame of reference. The same arguments give the same bytes. Lossless, not
-    compressed.
+    of one scene share study, series and frame of reference. The same arguments give the same bytes.
 
-    Raises MissingExtraError without pydicom, InputError for frames of different shapes or stamps that do not rise.
+    Args:
+        path: path of the file.
+        frames: n images (h, w) of one `XrayRenderer`.
+        stamps_ns: (n,) stamps in ns, rising.
+        scene: the scene of the images.
+        view: number of the view.
+        bits: bits of a grey level: 8 for uint8 images, 9 to 16 for uint16 images.
+
+    Raises:
+        InputError: the images differ in shape or type, or the stamps do not rise.
+        MissingExtraError: pydicom is not installed.
     """
     pydicom = import_extra("pydicom", "dicom")
     kind = np.uint8 if bits == 8 else np.uint16

@@ -31,7 +31,18 @@ def _dome(way: AxialProfile, length_m: float, radius_m: float) -> AxialProfile:
 def catheter_tube(
     construction: CatheterConstruction, length_m: float, seed: int, px_per_m: float, blur_px: float
 ) -> Tube:
-    """Shaft of loaded polymer with a steel braid and copper wires inside, platinum rings and tip with a dome."""
+    """Makes a catheter: a shaft of loaded polymer with a steel braid and copper wires, platinum rings, a domed tip.
+
+    Args:
+        construction: materials and measures of the catheter.
+        length_m: length, base to apex.
+        seed: seed of the unevenness along the shaft.
+        px_per_m: scale of the image at the isocentre.
+        blur_px: standard deviation of the aperture.
+
+    Returns:
+        The tube.
+    """
     inner = 1.0 - construction.wall
     polymer, braid = loaded_polymer_per_m(construction.barium_sulphate), 0.5 * (1.0 + inner)
     shaft = (
@@ -62,7 +73,17 @@ def catheter_tube(
 
 
 def sheath_tube(construction: CatheterConstruction, length_m: float, px_per_m: float, blur_px: float) -> Tube:
-    """The sheath around the shaft, from its mouth, where it has a marker band, backwards; the shaft inside goes on."""
+    """Makes the sheath around the shaft, with a marker band near its mouth; the shaft goes on inside.
+
+    Args:
+        construction: materials and measures of the catheter.
+        length_m: length of the sheath, from its mouth backwards.
+        px_per_m: scale of the image at the isocentre.
+        blur_px: standard deviation of the aperture.
+
+    Returns:
+        The tube; its arc length starts at the mouth.
+    """
     radius = construction.radius_m + 0.85e-3
     inner = (construction.radius_m + 0.2e-3) / radius
     polymer = loaded_polymer_per_m(0.2)
@@ -80,7 +101,17 @@ def sheath_tube(construction: CatheterConstruction, length_m: float, px_per_m: f
 
 
 def instrument_tube(instrument: Instrument, length_m: float, px_per_m: float, blur_px: float) -> Tube:
-    """A wire, a diagnostic catheter, a defibrillator's lead or an ultrasound probe."""
+    """Makes a wire, a diagnostic catheter, a defibrillator's lead or an ultrasound probe.
+
+    Args:
+        instrument: kind and radius of the instrument.
+        length_m: length of its path.
+        px_per_m: scale of the image at the isocentre.
+        blur_px: standard deviation of the aperture.
+
+    Returns:
+        The tube.
+    """
     r = instrument.radius_m
     materials: list[tuple[Layer, ...]]
     sections: Sections
@@ -112,7 +143,10 @@ def instrument_tube(instrument: Instrument, length_m: float, px_per_m: float, bl
 
 
 def instrument_path(instrument: Instrument) -> tuple[FloatArray, FloatArray, float]:
-    """(n, 3) points along it at rest, patient's frame, uniform in arc length; (n,) how much each sways; length."""
+    """Returns points (n, 3) along an instrument at rest, the relative sway (n,) of each, and the length in metres.
+
+    The points are uniform in arc length, in the patient's frame in metres.
+    """
     knots = np.array(instrument.knots)
     at = arc_length(knots)
     spline = CubicSpline(at, knots)
@@ -127,7 +161,18 @@ def instrument_path(instrument: Instrument) -> tuple[FloatArray, FloatArray, flo
 def swayed(
     instrument: Instrument, points_m: FloatArray, share: FloatArray, rhythm: Rhythm, time_s: float
 ) -> FloatArray:
-    """(n, 3): where the heart and the breath have moved it."""
+    """Moves an instrument with heart and breath.
+
+    Args:
+        instrument: its sway and its phase.
+        points_m: (n, 3) points at rest, patient's frame.
+        share: (n,) relative sway of each point.
+        rhythm: rates of heart and breath, and the way of the diaphragm.
+        time_s: time on the scene's clock.
+
+    Returns:
+        (n, 3) points, patient's frame, in metres.
+    """
     beat = rhythm.beating(time_s + instrument.phase / rhythm.heart_hz) - 0.5
     breath = np.array([0.0, 0.0, -0.35 * rhythm.breath_m * rhythm.breath(time_s)])
     return points_m + share[:, None] * (beat * np.array(instrument.sway_m) + breath)

@@ -21,10 +21,17 @@ BLOCK = 8
 def soft_layers(
     layers: StaticLayers, rhythm: Rhythm, breath: float, beating: float, wall_px: tuple[float, float] | None
 ) -> FloatImage:
-    """(h, w): heart and diaphragm.
+    """Returns the attenuation by heart and diaphragm.
 
-    ``breath``, ``beating``: see `Rhythm`; ``wall_px``: how far the heart's wall is from where it rests; None: the heart
-    moves by itself.
+    Args:
+        layers: static layers of the view.
+        rhythm: relative change of the heart's size, and the way of the diaphragm.
+        breath: 0 (breathed out) to 1, see `Rhythm`.
+        beating: 0 (filled) to 1 (emptied), see `Rhythm`.
+        wall_px: (2,) displacement of the heart's wall from rest; None: the heart moves by itself.
+
+    Returns:
+        (h, w) attenuation.
     """
     h, w = layers.still.shape[0] // COARSE, layers.still.shape[1] // COARSE
     down = -rhythm.breath_m * breath * layers.head_px
@@ -60,9 +67,17 @@ def direct_light(
     light: FloatImage,
     blocks: FloatImage,
 ) -> None:
-    """Share of the rays that comes through all layers into ``light`` (h, w), its means into ``blocks``.
+    """Computes the share of the rays that pass all layers.
 
-    ``chest`` is read from column ``left`` and row ``top`` on, between pixels; ``taken`` (h, w): tubes' absorption.
+    Args:
+        still: (h, w) attenuation of the parts that do not move.
+        chest: (h + 2 m, w + 2 m) attenuation of the parts that move with the breath, with margin m.
+        left: column of ``chest`` at the image's first column; it may be between pixels.
+        top: row of ``chest`` at the image's first row; it may be between pixels.
+        soft: (h, w) attenuation by heart and diaphragm.
+        taken: (h, w) share of the rays that tubes absorb.
+        light: (h, w) share that passes, written.
+        blocks: (h / `BLOCK`, w / `BLOCK`) means of ``light``, written.
     """
     h, w = still.shape
     i, j = math.floor(top), math.floor(left)
@@ -110,7 +125,16 @@ class ScatterAndGlare:
 
     @classmethod
     def of(cls, detector: Detector, px_per_m: float, shape: tuple[int, int]) -> "ScatterAndGlare":
-        """For ``shape`` blocks."""
+        """Makes the matrices for an image.
+
+        Args:
+            detector: the detector, with its scatter and glare.
+            px_per_m: scale of the image at the isocentre.
+            shape: rows and columns of blocks.
+
+        Returns:
+            Scatter and glare.
+        """
         near, far = (sigma * px_per_m / BLOCK for sigma in (detector.scatter_m, detector.glare_m))
         rows, columns = shape
         return cls(
@@ -121,7 +145,13 @@ class ScatterAndGlare:
         )
 
     def add(self, light: FloatImage, blocks: FloatImage, exposure: float) -> None:
-        """Photons that ``light`` (h, w) becomes: times ``exposure``, with scatter, and with glare spread."""
+        """Converts light to photons, with scatter and glare.
+
+        Args:
+            light: (h, w) share of the rays that passes; it becomes photons.
+            blocks: means of ``light``, see `direct_light`.
+            exposure: photons of a pixel behind nothing.
+        """
         scattered = self.scatter[0] @ blocks @ self.scatter[1].T * np.float32(self.scattered)
         spread = self.glare[0] @ (blocks + scattered) @ self.glare[1].T * np.float32(self.glared)
         veil = (scattered * np.float32(1.0 - self.glared) + spread) * np.float32(exposure)

@@ -173,13 +173,31 @@ class XrayRenderer:
             before = [*before, pulse][-max(1, self.memory) :]
 
     def light(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> FloatImage:
-        """(h, w): photons a pixel that the detector expects of one pulse: before noise, blur and lag."""
+        """Returns the photons that the detector expects of one pulse: before noise, blur and lag.
+
+        Args:
+            shapes_m: (m, n, 3) axis of the catheter.
+            tissue: position of the heart's wall; None: the heart beats in the rhythm of the scene.
+            time_s: time that determines the position of heart, breath and instruments.
+
+        Returns:
+            (h, w) photons.
+        """
         buffers = self._buffers()
         self._expect(buffers, Pulse(shapes_m, tissue, 0, time_s))
         return buffers.light.copy()
 
     def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> ImageTruth:
-        """Returns the visible catheter in that image; neither tissue nor time change it."""
+        """Returns the visible catheter in an image.
+
+        Args:
+            shapes_m: (m, n, 3) axis of the catheter.
+            tissue: not used; no tissue hides the catheter.
+            time_s: not used.
+
+        Returns:
+            The truth at the middle of the pulse.
+        """
         del tissue, time_s
         h, w = self._layers.still.shape
         return image_truth(self.camera, sample_exposure(checked(shapes_m), 1)[0], self.scene.catheter.radius_m, h, w)
@@ -256,7 +274,11 @@ class XrayRenderer:
 
 
 def checked(shapes_m: FloatArray) -> FloatArray:
-    """``shapes_m`` as the hot loops take it; raises ValueError where it is not (m, n, 3)."""
+    """Returns the shapes as a contiguous array of 64-bit floats.
+
+    Raises:
+        ValueError: their shape is not (m, n, 3) with n > 2.
+    """
     shapes = np.ascontiguousarray(shapes_m, np.float64)
     if shapes.ndim != 3 or shapes.shape[2] != 3 or shapes.shape[1] < 3 or not len(shapes):
         raise ValueError(f"shapes_m: expected shape (m, n, 3) with n > 2, got {shapes.shape}")
@@ -264,7 +286,15 @@ def checked(shapes_m: FloatArray) -> FloatArray:
 
 
 def blur_instants(shapes: FloatArray, px_per_m: float) -> FloatArray:
-    """As many `sample_exposure` as motion blur needs."""
+    """Interpolates a moving shape at as many instants as motion blur needs.
+
+    Args:
+        shapes: (m, n, 3) axis of the catheter in metres.
+        px_per_m: scale of the image.
+
+    Returns:
+        (k, n, 3) axis at k instants, see `sample_exposure`.
+    """
     way = float(np.abs(np.diff(shapes, axis=0)).max(axis=(1, 2), initial=0.0).sum()) * px_per_m
     return sample_exposure(shapes, max(1, min(_MOST_INSTANTS, math.ceil(way / _STEP_PX))))
 
@@ -305,9 +335,19 @@ def _covered(camera: CameraModel, points_m: FloatArray, radius_m: float, height:
 
 
 def image_truth(camera: CameraModel, points_m: FloatArray, radius_m: float, height: int, width: int) -> ImageTruth:
-    """Truth of a image of a catheter along ``points_m`` (n, 3), in the camera's world.
+    """Returns the truth of an image of a catheter.
 
     Nothing hides an object from X-rays: every point in the image is visible, however faint it may be.
+
+    Args:
+        camera: camera of the view.
+        points_m: (n, 3) axis of the catheter, in the camera's world.
+        radius_m: radius of the catheter.
+        height: height of the image in px.
+        width: width of the image in px.
+
+    Returns:
+        The truth.
     """
     centreline = camera.project(points_m)
     near = np.rint(np.nan_to_num(centreline, nan=-9.0))

@@ -161,11 +161,29 @@ class XrayScene:
         return Pose.from_axis_angle(self.base_axis_angle, self.base_m)
 
     def camera(self, view: int = 0, width: int = 512, height: int = 512) -> CameraModel:
-        """How ``view`` truly sees; world = base frame."""
+        """Returns the true camera model of a view.
+
+        Args:
+            view: number of the view.
+            width: width of the image in px.
+            height: height of the image in px.
+
+        Returns:
+            The camera model; its world is the base frame.
+        """
         return self._seen(self.views[view].true, width, height)
 
     def stated_camera(self, view: int = 0, width: int = 512, height: int = 512) -> CameraModel:
-        """How ``view`` sees by its calibration; world = base frame."""
+        """Returns the camera model of a view as calibrated.
+
+        Args:
+            view: number of the view.
+            width: width of the image in px.
+            height: height of the image in px.
+
+        Returns:
+            The camera model; its world is the base frame.
+        """
         return self._seen(self.views[view].stated, width, height)
 
     def _seen(self, arm: CArm, width: int, height: int) -> CameraModel:

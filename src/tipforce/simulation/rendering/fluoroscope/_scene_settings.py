@@ -111,7 +111,14 @@ Rows = list[tuple[float, float, float]]
 
 
 def sample_xray_scene(ranges: XrayRanges, rng: np.random.Generator) -> XrayScene:
-    """One session's scene.
+    """Draws the scene of one session.
+
+    Args:
+        ranges: ranges from which the scene is drawn.
+        rng: random numbers of the scene.
+
+    Returns:
+        The scene.
 
     >>> one, two = (sample_xray_scene(XrayRanges(), np.random.default_rng(3)) for _ in range(2))
     >>> one == two

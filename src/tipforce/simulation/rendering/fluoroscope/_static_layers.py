@@ -56,7 +56,18 @@ class StaticLayers:
 
 
 def make_static_layers(scene: XrayScene, view: int, length_m: float, width: int, height: int) -> StaticLayers:
-    """Paint everything that ``view`` sees for images of ``width`` x ``height``."""
+    """Paints everything that does not change from image to image of a view.
+
+    Args:
+        scene: the scene.
+        view: number of the view.
+        length_m: length of the catheter, base to apex.
+        width: width of the image in px.
+        height: height of the image in px.
+
+    Returns:
+        The layers.
+    """
     plane = scene.views[view]
     camera, patient = scene.camera(view, width, height), plane.true.camera(width, height)
     px_per_m = width / 512.0 / plane.true.scale_m_per_px

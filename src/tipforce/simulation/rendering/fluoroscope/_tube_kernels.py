@@ -247,10 +247,19 @@ def add_tube(
     amount: FloatArray,
     size: FloatArray,
 ) -> None:
-    """Add the attenuation of a tube along ``points`` (n, 3), world, m, uniform in arc length, to ``drawn`` (h, w).
+    """Adds the attenuation of a tube to an image.
 
-    ``spans`` (h, 2) grows to contain the touched pixels. ``camera``: `CameraModel.row` (distortion is ignored);
-    ``table``, ``half_px``, ``reach_px``: `SectionProfile`; ``amount``, ``size``: `AxialProfile`.
+    Args:
+        drawn: (h, w) attenuation that is changed.
+        spans: (h, 2) first column and end of the touched pixels in each row; they are widened.
+        camera: `CameraModel.row`; distortion is ignored.
+        points: (n, 3) axis in metres, in the camera's world, uniform in arc length.
+        radius_m: radius of the tube.
+        table: ``table`` of the `SectionProfile`.
+        half_px: its radius in px.
+        reach_px: its reach in px.
+        amount: (materials, k) ``amount`` of the `AxialProfile`.
+        size: (k,) its relative radius.
     """
     nodes = np.empty((points.shape[0], 7))
     _seen(camera, points, nodes)
@@ -264,7 +273,14 @@ def add_tube(
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def fold_instant(drawn: FloatImage, spans: IntArray, mean: FloatImage, weight: float) -> None:
-    """Adds ``weight`` times the absorption of ``drawn``, 1 - exp(-drawn), to ``mean``; empties ``drawn``."""
+    """Adds the weighted absorption of one instant, 1 - exp(-attenuation), to a mean.
+
+    Args:
+        drawn: (h, w) attenuation of the instant; all 0 afterwards.
+        spans: (h, 2) first column and end of the touched pixels in each row.
+        mean: (h, w) absorption that is changed.
+        weight: share of the instant in the exposure.
+    """
     share, over = np.float32(weight), np.float32(1.0 / 64.0)
     for v in range(drawn.shape[0]):
         first, end = spans[v, 0], spans[v, 1]
@@ -277,7 +293,13 @@ def fold_instant(drawn: FloatImage, spans: IntArray, mean: FloatImage, weight: f
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def join_taken(tube: FloatImage, spans: IntArray, taken: FloatImage) -> None:
-    """Joins the absorption of two tubes, 1 - (1 - ``taken``) (1 - ``tube``), in ``taken``; empties ``tube``."""
+    """Joins the absorption of two tubes, 1 - (1 - ``taken``) (1 - ``tube``), in ``taken``.
+
+    Args:
+        tube: (h, w) absorption of a tube; all 0 afterwards.
+        spans: (h, 2) first column and end of its pixels in each row.
+        taken: (h, w) absorption that is changed.
+    """
     for v in range(tube.shape[0]):
         for u in range(spans[v, 0], spans[v, 1]):
             taken[v, u] += tube[v, u] * (np.float32(1.0) - taken[v, u])
@@ -369,9 +391,22 @@ def add_side_view(
     amount: FloatArray,
     size: FloatArray,
 ) -> None:
-    """`add_tube` for tubes that are seen from the side: planes across the axis at the nodes part the pixels.
+    """Adds the attenuation of a tube that is seen from the side: planes across the axis at the nodes part the pixels.
 
     Values that change along the tube are smeared over the aperture and over the lean of its discs.
+
+    Args:
+        drawn: (h, w) attenuation that is changed.
+        spans: (h, 2) first column and end of the touched pixels in each row; they are widened.
+        focal: focal length in px.
+        nodes: (n, 7) x, y, z in metres in the camera's frame; u, v; their derivative by the node's number (2).
+        discs: (n,) share of the attenuation at each node that is drawn as discs, not here.
+        radius_m: radius of the tube.
+        table: ``table`` of the `SectionProfile`.
+        half_px: its radius in px.
+        reach_px: its reach in px.
+        amount: (materials, k) ``amount`` of the `AxialProfile`.
+        size: (k,) its relative radius.
     """
     h, w = drawn.shape
     n = nodes.shape[0]

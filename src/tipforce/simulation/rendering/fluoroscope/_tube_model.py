@@ -53,7 +53,16 @@ class AxialProfile:
 
 
 def chord_attenuation(layers: tuple[Layer, ...], radius_m: float, across_m: FloatArray) -> FloatArray:
-    """-ln of the share of rays that pass a straight tube at right angles, ``across_m`` beside its axis."""
+    """Returns the attenuation by a straight tube of rays at right angles to it: -ln of the share that passes.
+
+    Args:
+        layers: materials of the tube.
+        radius_m: radius of the tube.
+        across_m: (n,) distances of the rays from its axis.
+
+    Returns:
+        (n,) attenuation.
+    """
     total = np.zeros_like(across_m)
     for layer in layers:
         outer, inner = (np.sqrt(np.maximum((x * radius_m) ** 2 - across_m**2, 0.0)) for x in (layer.outer, layer.inner))
@@ -64,9 +73,18 @@ def chord_attenuation(layers: tuple[Layer, ...], radius_m: float, across_m: Floa
 def section_profiles(
     materials: list[tuple[Layer, ...]], radius_m: float, px_per_m: float, blur_px: float
 ) -> SectionProfile:
-    """Tables of tubes of these ``materials``, seen through an aperture of ``blur_px`` (sigma).
+    """Makes the tables of attenuation across tubes, seen through a Gaussian aperture.
 
     The aperture averages the light, not its logarithm: the edges of opaque metal are where they are visible.
+
+    Args:
+        materials: layers of each kind of section.
+        radius_m: radius of the tubes.
+        px_per_m: scale of the image.
+        blur_px: standard deviation of the aperture.
+
+    Returns:
+        The tables.
     """
     half = radius_m * px_per_m
     reach = math.ceil(half + 4.0 * blur_px) + 1.0
@@ -86,7 +104,16 @@ def section_profiles(
 
 
 def axial_profile(length_m: float, sections: list[tuple[float, float, int, float]], materials: int) -> AxialProfile:
-    """From ``sections`` (from, to, material, strength) of a tube of ``length_m``; constant size."""
+    """Makes the profile of a tube of constant radius along its axis.
+
+    Args:
+        length_m: length of the tube.
+        sections: from, to (m along the tube), number of the material, strength.
+        materials: number of materials.
+
+    Returns:
+        The profile.
+    """
     n = math.ceil(length_m * POINTS_PER_M) + 2
     at = np.arange(n) / POINTS_PER_M
     amount = np.zeros((materials, n))
@@ -133,7 +160,14 @@ class Tube:
     axial_profile: AxialProfile
 
     def add(self, drawn: FloatImage, spans: IntArray, camera: CameraModel, points_m: FloatArray) -> None:
-        """Add its attenuation along ``points_m`` (n, 3), in the camera's world, to ``drawn`` (h, w)."""
+        """Adds the tube's attenuation to an image.
+
+        Args:
+            drawn: (h, w) attenuation that is changed.
+            spans: (h, 2) first column and end of the touched pixels in each row; they are widened.
+            camera: camera of the view.
+            points_m: (n, 3) axis, in the camera's world, uniform in arc length.
+        """
         p = self.section_profiles
         add_tube(
             drawn, spans, camera.row, points_m, self.radius_m,
