@@ -61,7 +61,7 @@ class _Pulse:
 def add_beat(
     stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, tare: Tare, inertia: Inertia
 ) -> tuple[Tare, Inertia]:
-    """Tare and inertia with the part that repeats with the beat and that no log of the stage explains.
+    """Adds to the inertia the part that repeats with the beat and that no log of the stage explains.
 
     Args:
         stamps_ns: (n,) of the readings.
@@ -134,7 +134,7 @@ def _free(stamps_ns: IntArray, first_ns: int, tare: Tare) -> BoolArray:
 
 
 def _smooth(stamps_ns: IntArray, values: FloatArray) -> FloatArray:
-    """(bins, axes): means of 40 ms."""
+    """Returns means (bins, axes) over 40 ms."""
     _, place, filled = np.unique(stamps_ns // round(_SMOOTH_S * 1e9), return_inverse=True, return_counts=True)
     return np.stack([np.bincount(place, column) / filled for column in values.T], axis=1)
 
@@ -184,13 +184,13 @@ def _pulse(seconds: FloatArray, values: FloatArray) -> _Pulse | str:
 
 
 def _columns(seconds: FloatArray, hz: float, count: int) -> FloatArray:
-    """(n, 2 count): cosines, then sines."""
+    """Returns cosines, then sines, (n, 2 count)."""
     turns = 2.0 * math.pi * hz * np.outer(seconds, np.arange(1, count + 1))
     return np.hstack([np.cos(turns), np.sin(turns)])
 
 
 def _repeating(seconds: FloatArray, values: FloatArray, hz: float) -> tuple[FloatArray, float, FloatArray] | str:
-    """Level (k,), frequency of the beat and its harmonics (count, 2, k), as many as the readings (n, k) support."""
+    """Fits level (k,), frequency of the beat and its harmonics (count, 2, k) to readings (n, k), or returns why not."""
     step = -(-len(seconds) // _MAX_ROWS)
     seconds, values = seconds[::step], values[::step]
     span, rate = float(np.ptp(seconds)), len(seconds) / max(float(np.ptp(seconds)), 1e-9)
@@ -220,7 +220,7 @@ def _repeating(seconds: FloatArray, values: FloatArray, hz: float) -> tuple[Floa
 def _checked(
     seconds: FloatArray, free: BoolArray, hz: float, waves: FloatArray, pulse: _Pulse, *, in_step: bool
 ) -> tuple[float, str]:
-    """Root mean square of the inertia on its strongest axis, N, and why it may not be subtracted, or nothing."""
+    """Returns the RMS inertia on its strongest axis in N, and the reason why it may not be subtracted, or ""."""
     sizes = np.sum(waves**2, axis=1)  # (count, k)
     size_n = math.sqrt(0.5 * float(sizes.sum(axis=0).max()))
     turns = 2.0 * math.pi * hz * np.arange(1, len(waves) + 1)

@@ -96,7 +96,7 @@ class _Trial:
         return _Trial(self.rate / slower, self.lag_s * slower + shift - tilt * middle / half)
 
     def apart_s(self, other: "_Trial", camera_s: FloatArray) -> float:
-        """Largest difference at the first and the last of ``camera_s``."""
+        """Returns the largest difference at the first and the last of ``camera_s``."""
         ends = camera_s[[0, -1]]
         return float(np.abs(self.force_s(ends) - other.force_s(ends)).max())
 
@@ -123,7 +123,7 @@ class _Session:
     def data(
         self, trial: _Trial, frames: BoolArray, margin_s: float, max_blocks: int = _MAX_BLOCKS
     ) -> tuple[Data, BoolArray]:
-        """The data of ``frames`` (n,) that have a force by ``trial``, and which these are."""
+        """Returns the data of ``frames`` (n,) that have a force by ``trial``, and which these are."""
         seconds = trial.force_s(self.time_s)
         kept = frames & self.force.known(seconds, margin_s)
         blocks = np.floor(seconds / _BLOCK_S).astype(np.int64)
@@ -152,7 +152,7 @@ def estimate_clock(
     removed: bool = False,
     shared_ns: int | None = None,
 ) -> ClockMap:
-    """The offset and rate at which force and deflection belong together.
+    """Finds the offset and rate at which force and deflection belong together.
 
     Args:
         frame_ns: (n,) stamps of the images.
@@ -244,7 +244,7 @@ def estimate_clock(
 
 
 def _outlying(bend: FloatArray) -> BoolArray:
-    """(n,) images whose bend (n,) is far off that of their neighbours: something else was detected in them."""
+    """Returns whether the bend of each image (n,) is far from that of its neighbours: another object was detected."""
     if len(bend) < _MIN_FRAMES:
         return np.zeros(len(bend), np.bool_)
     away = np.abs(bend - median_filter(bend, _NEIGHBOURS))
@@ -254,7 +254,7 @@ def _outlying(bend: FloatArray) -> BoolArray:
 
 
 def _searched(session: _Session) -> BoolArray:
-    """(n,): the images that are searched: those of the 90 s in which the catheter moves most."""
+    """Returns whether each image (n,) is searched: those of the 90 s in which the catheter moves most."""
     time = session.time_s
     if np.ptp(time) <= _SEARCHED_S:
         return np.ones(len(time), np.bool_)
@@ -283,7 +283,7 @@ def _ranked(candidates: list[_Candidate | None]) -> list[_Candidate]:
 
 
 def _refined(session: _Session, trial: _Trial, frames: BoolArray, *, wide: bool) -> _Candidate | None:
-    """The best map near ``trial``; None where too few images have a force."""
+    """Finds the best map near ``trial``; None where too few images have a force."""
     reach, step, tilt = (_WIDE_S, _WIDE_STEP_S, _WIDE_TILT_S) if wide else (_FINE_S, 2.0 * _FINE_STEP_S, _FINE_TILT_S)
     tilt = 0.0 if session.fixed_rate else tilt
     data, kept = session.data(trial, frames, reach + tilt + 3.0 * SMOOTH_S, _TRIED_BLOCKS)
@@ -300,7 +300,7 @@ def _refined(session: _Session, trial: _Trial, frames: BoolArray, *, wide: bool)
 
 
 def _with_angle(fit: Fit, tilt_s: float) -> tuple[Fit, Tilted, float]:
-    """``fit`` with a prior of two degrees on the sensor's angle, its best map, and 0.
+    """Returns ``fit`` with a prior of two degrees on the sensor's angle, its best map, and 0.
 
     Or with the angle open, and by how many degrees the sensor seems turned, where the stated one is clearly wrong.
     """
@@ -325,7 +325,7 @@ def _ticks(reach: float, step: float) -> FloatArray:
 
 
 def _rivals(best: _Candidate, other: _Candidate, session: _Session) -> bool:
-    """Whether ``other`` explains about as much of the bend as ``best``."""
+    """Returns whether ``other`` explains about as much of the bend as ``best``."""
     both = np.isfinite(best.loss) & np.isfinite(other.loss)
     if both.sum() < 0.5 * np.isfinite(best.loss).sum():
         return other.share < _RIVAL_RATIO * best.share
@@ -339,7 +339,7 @@ def _rivals(best: _Candidate, other: _Candidate, session: _Session) -> bool:
 
 
 def _measured(session: _Session, trial: _Trial, frame_ns: IntArray, force_ns: IntArray) -> ClockMap:
-    """The map near ``trial`` with its standard errors, from all images; refused where a check fails."""
+    """Fits the map near ``trial`` with its standard errors to all images; refused where a check fails."""
     every = np.ones(len(session.time_s), np.bool_)
     margin = _FINE_S + _WIDE_TILT_S + 3.0 * SMOOTH_S
     tilt = 0.0 if session.fixed_rate else _FINE_TILT_S
@@ -410,7 +410,7 @@ def _digits(rate_stderr: float) -> float:
 
 
 def _certain(found: ClockMap, half_s: float) -> ClockMap:
-    """``found``, refused where labels would be uncertain in time: root mean square over ``half_s`` to both sides."""
+    """Returns ``found``, refused where labels are uncertain in time: by RMS over ``half_s`` to both sides."""
     label_ms = math.hypot(found.stderr_ms, 1e3 * found.rate_stderr / found.rate * half_s / math.sqrt(3.0))
     if found.how == "refused" or label_ms <= MAX_STDERR_MS:
         return found
@@ -419,7 +419,7 @@ def _certain(found: ClockMap, half_s: float) -> ClockMap:
 
 
 def _growing(session: _Session) -> list[BoolArray]:
-    """Ever longer stretches about the one that was searched, for a map that is followed over a long session."""
+    """Returns ever longer stretches about the one that was searched; the map is followed over a long session."""
     searched = _searched(session)
     if searched.all():
         return []
@@ -435,7 +435,7 @@ def _growing(session: _Session) -> list[BoolArray]:
 def _errors(
     session: _Session, data: Data, fit: Fit, penalty: float, found: Tilted, tilt: float
 ) -> tuple[float, FloatArray]:
-    """Where on the line the shift is known best, as x of `Tilted`; (2,) standard errors there of shift and tilt, s.
+    """Returns x of `Tilted` where the shift is known best, and the standard errors (2,) of shift and tilt there, s.
 
     They follow from the scatter between blocks and from the results of other laws.
     """
@@ -462,7 +462,7 @@ def _errors(
 def _scatter(
     fit: Fit, data: Data, penalty: float, found: Tilted, pivot: float, errors_s: FloatArray
 ) -> FloatArray | str:
-    """(2,) standard errors of shift and tilt by the stretches' scatter about the line, s; or which one is off it."""
+    """Returns standard errors (2,) of shift and tilt in s by the stretches' scatter, or which stretch is off it."""
     wide = Fit(data, _ticks(_WIDE_S, 0.5 * _WIDE_STEP_S), penalty)
     groups = np.minimum((0.5 * (wide.place + 1.0) * _STRETCHES).astype(np.int64), _STRETCHES - 1)
     groups = np.unique(groups, return_inverse=True)[1]
@@ -492,12 +492,12 @@ def _scatter(
 
 
 def _microsecond(nanoseconds: int) -> int:
-    """To the microsecond: nothing finer is known."""
+    """Rounds to the microsecond: nothing finer is known."""
     return 1000 * round(nanoseconds / 1000)
 
 
 def _named(trial: _Trial, apart_ns: int) -> str:
-    """The map as a person states it: its offset at the log's first row, and its rate."""
+    """Returns the map as a person states it: its offset at the log's first row, and its rate."""
     offset_ms = 1e3 * trial.rate * trial.lag_s - 1e-6 * float(apart_ns)
     return f"{offset_ms:+.0f} ms at a rate of {trial.rate:.6g}"
 

@@ -77,7 +77,7 @@ class Force:
         return float(self._grid[1] - self._grid[0]), self._values
 
     def at(self, seconds: FloatArray) -> FloatArray:
-        """(...) -> (2, ...)."""
+        """Returns the force (2, ...) in N at ``seconds`` (...)."""
         return np.stack([np.interp(seconds, self._grid, row) for row in self._values])
 
     def known(self, seconds: FloatArray, margin_s: float) -> BoolArray:
@@ -139,7 +139,7 @@ class Data:
     beat_hz: float = 0.0
 
     def touching(self, way: float = 1.0) -> "Data":
-        """The levers' end moved by the dome's radius against the mean force, to where the wall is met; -1: and back."""
+        """Moves the levers' end by ``way`` dome radii against the mean force: at 1 to the point of contact."""
         x, y = way * self.force.direction
         moved = self.coordinates.copy()
         moved[:, 1] += y * moved[:, 3]
@@ -147,11 +147,11 @@ class Data:
         return replace(self, coordinates=moved)
 
     def subset(self, keep: BoolArray) -> "Data":
-        """Some of the frames."""
+        """Returns the data of some of the frames."""
         return replace(self, time=self.time[keep], coordinates=self.coordinates[keep], blocks=self.blocks[keep])
 
     def loaded(self) -> BoolArray:
-        """(n,): the half of the frames at which the force is larger."""
+        """Returns the half of the frames (n,) at which the force is larger."""
         size = np.linalg.norm(self.force.at(self.time), axis=0)
         return size >= np.median(size)
 
@@ -234,7 +234,7 @@ class Fit:
         self._xx = self._raw - self.corrected * self._noise
 
     def with_penalty(self, penalty: float) -> "Fit":
-        """The same with another prior on the sensor's angle."""
+        """Returns the same fit with another prior on the sensor's angle."""
         other = copy.copy(self)
         other._hold(penalty)
         return other
@@ -354,7 +354,7 @@ class Fit:
         )[0]
 
     def residuals(self, at: Tilted) -> FloatArray:
-        """(n,): bend that is left unexplained, rad."""
+        """Returns the bend (n,) that is left unexplained, in rad."""
         x, solved = self._solve(at)
         return self._c - x @ solved
 
@@ -364,17 +364,17 @@ class Fit:
         return self._c
 
     def explained(self, at: Tilted) -> float:
-        """Share of the bend's variance that the force explains."""
+        """Returns the share of the bend's variance that the force explains."""
         return float(1.0 - self.residuals(at).var() / max(float(self._c.var()), 1e-30))
 
     def slope(self, at: Tilted) -> float:
-        """Sign and size of dB/dG, by the straight line through the fitted bend: positive for a real shaft."""
+        """Returns sign and size of dB/dG, by the straight line through the fitted bend: positive for a real shaft."""
         x, solved = self._solve(at)
         lever, fitted = x[:, 0], x[:, : self._degree] @ solved[: self._degree]
         return float(lever @ fitted / max(float(lever @ lever), 1e-30))
 
     def angle(self, at: Tilted) -> float:
-        """By how much the sensor seems turned, rad."""
+        """Returns the angle by which the sensor seems turned, in rad."""
         return math.atan2(float(self._solve(at)[1][-1]), self.slope(at))
 
     def penalty_at(self, at: Tilted) -> float:
@@ -414,7 +414,7 @@ class Fit:
 
 
 def _share(square: FloatArray, noise: FloatArray) -> float:
-    """The largest share that ``noise`` has in any direction of ``square``, both (shifts, terms, terms)."""
+    """Returns the largest share that ``noise`` has in any direction of ``square``, both (shifts, terms, terms)."""
     places = np.arange(square.shape[1])
     square = square.copy()
     square[:, places, places] = square[:, places, places] * (1.0 + 1e-9) + 1e-12

@@ -154,7 +154,7 @@ def _spectra(force: FloatArray, size: int) -> list[Spectrum]:
 def _scores(
     spectra: list[Spectrum], bend: FloatArray, seen: FloatArray, levers: FloatArray, size: int
 ) -> tuple[FloatArray, FloatArray]:
-    """(size,) twice: share of the bend's energy that the force explains, for every circular lag.
+    """Returns two shares (size,) of the bend's energy that the force explains, for every circular lag.
 
     First by both of its components as they fit best, then by the moment with the usual ``levers``.
     """

@@ -70,7 +70,7 @@ def shape_coordinates(
 
 
 def _common_length(lines: Sequence[FloatArray], expected_px: float | None) -> float:
-    """The usual length, of those that a catheter of ``expected_px`` may show where any do."""
+    """Returns the median length, of those lines that a catheter of ``expected_px`` may show where any do."""
     lengths = np.array([float(arc_length(points)[-1]) for points in lines])
     if expected_px is not None:
         share = lengths / expected_px
@@ -80,7 +80,7 @@ def _common_length(lines: Sequence[FloatArray], expected_px: float | None) -> fl
 
 
 def _of_length(points: FloatArray, length: float, flexible_share: float) -> FloatArray | None:
-    """``points`` cut, or drawn on straight where only rigid tip is missing, to ``length``; None where more is."""
+    """Cuts ``points`` to ``length``, or extends them where only rigid tip is missing; None where more is."""
     arc = arc_length(points)
     if arc[-1] < length * min(MIN_NEAR_SHARE, flexible_share - (1.0 - MIN_NEAR_SHARE)):
         return None

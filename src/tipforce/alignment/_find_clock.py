@@ -161,7 +161,7 @@ def _estimated(
     facts: ForceCorrections,
     rate: float | None,
 ) -> tuple[ClockMap, Inertia]:
-    """The map by the deflection; where the clocks differ in rate, the stage may run on either of them."""
+    """Finds the map by the deflection; where the clocks differ in rate, the stage may run on either of them."""
     flexible, rigid = info.catheter.flexible_length_m, info.catheter.rigid_length_m
     share = flexible / (flexible + rigid) if flexible and rigid else 1.0
     scale = info.view(detected.view).metres_per_px
@@ -225,7 +225,7 @@ def _from_stage(
     stage_shares: bool,
     nominal_rate: bool,
 ) -> ClockMap:
-    """The map by the stage's movement in the force, where the deflection alone is not enough.
+    """Finds the map by the stage's movement in the force, where the deflection alone is not enough.
 
     The stage must be known to run on the camera's clock, or a less certain deflection must show it; and its movement
     must show in the force at ``rate``, the stated rate of the camera's clock against the log's, or 1. A deflection that

@@ -104,7 +104,7 @@ def carried_n(stage: StageMotion, inertia: Inertia, stamps_ns: IntArray) -> Floa
 
 
 def _beat_n(inertia: Inertia, stamps_ns: IntArray) -> FloatArray:
-    """(n, 3) N: the harmonics at ``stamps_ns``, from a table over one beat."""
+    """Returns the force (n, 3) of the harmonics at ``stamps_ns`` in N, from a table over one beat."""
     cycles = np.linspace(0.0, 1.0, _TABLE)
     turns = 2.0 * math.pi * np.outer(cycles, np.arange(1, len(inertia.beat_n) + 1))
     table = np.cos(turns) @ inertia.beat_n[:, 0] + np.sin(turns) @ inertia.beat_n[:, 1]
@@ -221,7 +221,7 @@ def best_inertia(stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, f
 
 
 def tip_acceleration(time_ns: IntArray, shapes: Sequence[DetectedShape], metres_per_px: float) -> float:
-    """Root mean square acceleration of the catheter's tip, m/s^2: about that of the wall that pushes it.
+    """Returns the RMS acceleration of the catheter's tip, m/s^2: about that of the wall that pushes it.
 
     In 40 simulated sessions it gave the inertia of the mass behind the wall to 25 % where that was above 15 mN, and too
     much by up to 6 mN where it was less.
@@ -254,7 +254,7 @@ def tip_acceleration(time_ns: IntArray, shapes: Sequence[DetectedShape], metres_
 
 
 def _crookedness(gains: FloatArray) -> float:
-    """How far ``gains`` (axes, k) are from one mass on perpendicular axes, as a squared number of standard deviations.
+    """Returns how far ``gains`` (axes, k) are from one mass on perpendicular axes, in standard deviations squared.
 
     Two axes that move with the same frequency can take over each other's part at a wrong lag; one mass cannot.
     """

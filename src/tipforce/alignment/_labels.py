@@ -103,7 +103,7 @@ def label_log(
 
 
 def covered_frames(frame_ns: IntArray, force_ns: IntArray) -> BoolArray:
-    """Returns whether a frame is on a reading or between two near ones.
+    """Returns whether a frame is on a reading or between two that are at most `MAX_GAP_S` apart.
 
     Args:
         frame_ns: (n,) stamps of the frames, sorted.

@@ -42,7 +42,7 @@ class Pairing:
         self._others: dict[str, deque[Frame]] = {view: deque() for view in self._views[1:]}
 
     def add(self, frame: Frame) -> None:
-        """A frame of a view beyond the first; others are passed over."""
+        """Adds a frame of a view beyond the first; others are ignored."""
         if frame.view in self._others:
             self._others[frame.view].append(frame)
 
@@ -53,7 +53,7 @@ class Pairing:
                 frames.popleft()
 
     def final_at(self, stamp_ns: int) -> bool:
-        """Whether every other view has come as far as ``stamp_ns``: later frames pair no better."""
+        """Returns whether every other view has come as far as ``stamp_ns``: later frames pair no better."""
         return all(frames and frames[-1].stamp_ns >= stamp_ns for frames in self._others.values())
 
     def views_of(self, frame: Frame) -> dict[str, Image]:

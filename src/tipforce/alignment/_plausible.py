@@ -63,7 +63,7 @@ def find_plausible_force(
 def _with_drift(
     found: ForcePlausibility, stamps: IntArray, force: FloatArray, stage: StageMotion, tare: Tare, inertia: Inertia
 ) -> ForcePlausibility:
-    """The findings with the drift of the zero, where there is more than usual."""
+    """Adds the drift of the zero to the findings, where there is more than usual."""
     if not tare.stretches_s:
         return found
     rest = found.corrected(stamps, force) - carried_n(stage, inertia, stamps) - tare.force_n

@@ -94,7 +94,7 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
 
 
 def _quiet_runs(bins: FloatArray, filled: BoolArray, spread: float) -> list[tuple[int, int]]:
-    """(first, behind the last) bins of stretches that are quiet for at least a second."""
+    """Returns (first, end) bins of stretches that are quiet for at least a second."""
     windows = np.lib.stride_tricks.sliding_window_view(bins, _WINDOW_BINS, axis=0)
     scatter = np.sqrt(np.sum(np.var(windows, axis=-1), axis=-1))
     whole = np.lib.stride_tricks.sliding_window_view(filled, _WINDOW_BINS).all(axis=-1)
@@ -125,7 +125,7 @@ def _levels(bins: FloatArray, runs: list[tuple[int, int]], spread: float) -> lis
 
 
 def _surrounded(bins: FloatArray, level: list[tuple[int, int]], spread: float) -> bool:
-    """True where forces are on both sides of a level: contact only pushes, so it cannot be the free one."""
+    """Returns whether forces are on both sides of a level: contact only pushes, so it cannot be the free one."""
     centre = np.median(np.concatenate([bins[first:last] for first, last in level]), axis=0)
     away = bins - centre
     _, axes = np.linalg.eigh(away.T @ away)
@@ -134,7 +134,7 @@ def _surrounded(bins: FloatArray, level: list[tuple[int, int]], spread: float) -
 
 
 def _mean(seconds: FloatArray, force_n: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and its standard error from the scatter of half seconds, within which readings are not independent."""
+    """Returns mean and standard error, by the scatter of half seconds: readings within one are not independent."""
     mean, stderr = np.zeros(3), np.full(3, math.nan)
     block = np.floor((seconds - seconds[0]) / 0.5).astype(np.int64)
     for axis in range(3):

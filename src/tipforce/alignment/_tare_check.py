@@ -46,7 +46,7 @@ def changing_tare(
     inertia: Inertia,
     moving_mass_kg: float | None,
 ) -> ForceFinding | None:
-    """Contact during the tare, as the log alone shows it.
+    """Finds contact during the tare, as the log alone shows it.
 
     Args:
         stamps: (n,) stamps of the readings.
@@ -93,7 +93,7 @@ def changing_tare(
 def pulling_force(
     frame_ns: IntArray, shapes: Sequence[DetectedShape], stamps: IntArray, force: FloatArray, facts: ForceCorrections
 ) -> ForceFinding | None:
-    """Contact during the tare, as the images show it: with this tare the tissue pulls at the tip.
+    """Finds contact during the tare, as the images show it: with this tare the tissue pulls at the tip.
 
     The clock offset may be unknown: the sum over the session is nearly the same for all offsets.
 
@@ -180,7 +180,7 @@ def _spread(values: FloatArray) -> float:
 
 
 def _tip_direction(shape: DetectedShape) -> FloatArray:
-    """(2,) unit vector along the tip's axis, base frame; NaN where nothing was detected."""
+    """Returns the unit vector (2,) along the tip's axis, base frame; NaN where nothing was detected."""
     if shape.centreline is None or shape.base is None:
         return np.full(2, math.nan)
     points = shape.base.to_base(shape.centreline.points)

@@ -241,7 +241,7 @@ def line_forces(
 
 
 def _is_possible(q: FloatArray, model: Model) -> bool:
-    """Whether this rod and its load are in the range of the solver: `fit_line` checks the same for its steps."""
+    """Returns whether this rod and its load are in the range of the solver, as `fit_line` does for its steps."""
     load = math.hypot(q[0], q[1]) * model.flexible_m**2 / model.stiffness_nm2
     factors = [1.0 + float(q[UNKNOWNS.index(name)]) for name in ("stiffness", "proximal_stiffness", "length", "scale")]
     soft, k0 = float(q[UNKNOWNS.index("stiffening_m2")]), float(q[_K0])

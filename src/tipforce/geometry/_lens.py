@@ -18,7 +18,7 @@ MIN_DETERMINANT_RATIO = 1e-12
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lens(camera: FloatArray, x: float, y: float) -> tuple[float, float, float, float, float, bool]:
-    """Brown-Conrady: normalised x, y -> distorted x, y; dx/dx, dx/dy = dy/dx, dy/dy; whether it is one to one there."""
+    """Returns distorted x, y (Brown-Conrady), dx/dx, dx/dy = dy/dx, dy/dy, and whether the lens is one to one there."""
     k1, k2, p1, p2, k3 = camera[4], camera[5], camera[6], camera[7], camera[8]
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))

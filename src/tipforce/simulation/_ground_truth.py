@@ -53,7 +53,7 @@ class ViewTruth:
     image_size: tuple[int, int]
 
     def mask(self, index: int) -> BoolArray:
-        """(h, w): where the catheter covers at least half of a pixel in frame ``index``."""
+        """Returns the mask (h, w) of frame ``index``: the catheter covers at least half of these pixels."""
         return _unpacked(self.mask_bytes, self.mask_ends, index, self.image_size)
 
 
@@ -123,13 +123,13 @@ class Truth:
         return -self.sensor_from_base.rotate(self.force_n)
 
     def base(self, index: int) -> BasePose:
-        """The base frame in the image of frame ``index``."""
+        """Returns the base frame in the image of frame ``index``."""
         line = self.centreline_px[index]
         along = line[1] - line[0]
         return BasePose(line[0], float(np.arctan2(-along[1], along[0])))
 
     def mask(self, index: int) -> BoolArray:
-        """(h, w): where the catheter covers at least half of a pixel in frame ``index``."""
+        """Returns the mask (h, w) of frame ``index``: the catheter covers at least half of these pixels."""
         return _unpacked(self.mask_bytes, self.mask_ends, index, self.image_size)
 
 

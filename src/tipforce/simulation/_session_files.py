@@ -59,7 +59,11 @@ def _work(
 
 
 def _is_done(target: Path, settings: AnySimulationSettings, seed: int, number: int) -> bool:
-    """Whether ``target`` holds this very session; raises InputError if it holds another."""
+    """Returns whether ``target`` contains this very session.
+
+    Raises:
+        InputError: it contains another session.
+    """
     if not target.exists():
         return False
     require_same_settings(target, read_truth(target).settings, settings_record(settings, seed, number))

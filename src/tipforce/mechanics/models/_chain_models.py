@@ -76,7 +76,7 @@ def _energy(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float) ->
 
 @njit(cache=True, error_model="numpy")
 def _assemble(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, work: FloatArray) -> float:
-    """Gradient, diagonal and upper diagonal of the energy into ``work`` (4, m); returns max |gradient|."""
+    """Computes gradient and Hessian's diagonals of the energy in ``work`` (4, m); returns max |gradient|."""
     gradient, diagonal, upper = work[0], work[1], work[2]
     before = 0.0
     for i in range(q.size):

@@ -165,7 +165,7 @@ def _load(q: FloatArray, line: Line) -> tuple[float, float]:
 
 @compiled
 def _is_possible(q: FloatArray, model: Model) -> bool:
-    """Whether such a rod exists, with a load in the range of the solver; NaN: False."""
+    """Returns whether such a rod exists, with a load in the range of the solver; NaN: False."""
     size = math.hypot(q[_FX], q[_FY]) * model.flexible_m**2 / model.stiffness_nm2
     stiff = min(1.0 + q[_EI], 1.0 + q[_PROXIMAL], 1.0 + q[_LENGTH], 1.0 + q[_SCALE]) > 0.3
     bend = abs(q[_K0]) * model.flexible_m

@@ -51,7 +51,7 @@ class SpatialShape:
         return self.rod.centreline_m(self.quaternions, points)
 
     def on_unloaded_branch(self) -> bool:
-        """Whether the shape is reached by raising all loads together from 0, without a jump.
+        """Returns whether the shape is reached by raising all loads together from 0, without a jump.
 
         This is known if the shape was reached in that way; for one that was reached from a start it is computed.
         """

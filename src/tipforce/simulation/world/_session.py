@@ -69,7 +69,7 @@ def _shared(settings_json: str, seed: int, number: int) -> SampledDevice:
 
 
 def _reaches(settings: WorldSettings, device: DeviceProperties, key: tuple[int, ...]) -> bool:
-    """Whether one drawn session reaches the least of the wanted peak forces, over two breaths of largest amplitude."""
+    """Returns whether a session reaches the least of the wanted peak forces, over two breaths of largest amplitude."""
     rng = np.random.default_rng(key)
     if settings.motion.least_force_n:
         return _solvable(settings, sample_parameters(settings, device, rng), rng)
@@ -85,7 +85,7 @@ def _reaches(settings: WorldSettings, device: DeviceProperties, key: tuple[int, 
 
 
 def _solvable(settings: WorldSettings, parameters: SessionParameters, rng: np.random.Generator) -> bool:
-    """Whether some motion gives the session its smallest and its largest force over two breaths."""
+    """Returns whether some motion gives the session its smallest and its largest force over two breaths."""
     brief = settings.model_copy(update={"tare_s": 0.0})
     bench_model = build_bench_model(brief, parameters, FAST.trial_segment_m)
     motion_profile = compose_motion(bench_model, _two_breaths(settings, STEP_S), rng)

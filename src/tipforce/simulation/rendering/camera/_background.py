@@ -38,7 +38,7 @@ def _rectangle(length: float, width: float) -> FloatArray:
 
 
 def _screw(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
-    """A socket head cap screw from above, sometimes on a washer."""
+    """Paints a socket head cap screw from above, sometimes on a washer."""
     radius = rng.uniform(2.2e-3, 4.5e-3) * canvas.px_per_m
     steel = rng.uniform(70, 170)
     if rng.random() < 0.4:
@@ -52,7 +52,7 @@ def _screw(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> Non
 
 
 def _cable(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
-    """A cable that comes from beyond the border and wanders past ``at``."""
+    """Paints a cable that comes from beyond the border and wanders past ``at``."""
     h = canvas.transmittance.shape[0]
     turn = rng.uniform(0, 2 * math.pi)
     way = np.array([math.cos(turn), math.sin(turn)])
@@ -75,7 +75,7 @@ def _cable(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> Non
 
 
 def _ruler(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
-    """Steel or plastic, with a tick every millimetre and numbers."""
+    """Paints a ruler of steel or plastic, with a tick every millimetre and numbers."""
     per_mm = canvas.px_per_m * 1e-3
     turn = rng.uniform(0, 2 * math.pi)
     length, width = rng.uniform(60, 160) * per_mm, rng.uniform(13, 26) * per_mm
@@ -98,7 +98,7 @@ def _ruler(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> Non
 
 
 def _stroke(canvas: SceneCanvas, points: FloatArray, width: float, level: float) -> None:
-    """A thin dark line, painted in its own neighbourhood only (there are hundreds)."""
+    """Paints a thin dark line, in its own neighbourhood only (there are hundreds)."""
     h, w = canvas.transmittance.shape
     u0, v0 = np.maximum(np.floor(points.min(axis=0)).astype(int) - 3, 0)
     u1, v1 = np.minimum(np.ceil(points.max(axis=0)).astype(int) + 4, (w, h))
@@ -116,7 +116,7 @@ def _stroke(canvas: SceneCanvas, points: FloatArray, width: float, level: float)
 
 
 def _write(canvas: SceneCanvas, text: str, at: FloatArray, turn: float, tall: float) -> None:
-    """``text`` in ink, ``tall`` px high, beginning at ``at``."""
+    """Paints ``text`` in ink, ``tall`` px high, from ``at`` on."""
     font, scale = cv2.FONT_HERSHEY_SIMPLEX, 2.0
     (width, height), _ = cv2.getTextSize(text, font, scale, 4)
     small = np.zeros((height + 24, width + 16), np.uint8)
@@ -133,7 +133,7 @@ def _write(canvas: SceneCanvas, text: str, at: FloatArray, turn: float, tall: fl
 
 
 def _label(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
-    """A slip of paper with a few lines of print."""
+    """Paints a slip of paper with a few lines of print."""
     per_mm = canvas.px_per_m * 1e-3
     turn = rng.uniform(-0.5, 0.5)
     width, lines = rng.uniform(18, 40) * per_mm, int(rng.integers(2, 5))
@@ -150,7 +150,7 @@ def _label(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> Non
 
 
 def _tape(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
-    """A strip of tape with torn ends, more or less see-through."""
+    """Paints a strip of tape with torn ends, more or less transparent."""
     per_mm = canvas.px_per_m * 1e-3
     length, width, turn = rng.uniform(15, 70) * per_mm, rng.uniform(8, 20) * per_mm, rng.uniform(0, 2 * math.pi)
     torn = np.linspace(-0.5, 0.5, 9)
@@ -164,7 +164,7 @@ def _tape(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None
 
 
 def _block(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
-    """A clamp or bracket: a box with two screws."""
+    """Paints a clamp or bracket: a box with two screws."""
     per_mm = canvas.px_per_m * 1e-3
     size = rng.uniform((14, 10), (45, 26)) * per_mm
     turn = rng.uniform(-0.4, 0.4) + rng.integers(0, 4) * math.pi / 2
@@ -176,7 +176,7 @@ def _block(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> Non
 
 
 def _pen(canvas: SceneCanvas, rng: np.random.Generator, at: FloatArray) -> None:
-    """A line somebody drew."""
+    """Paints a line of a pen."""
     turn, length = rng.uniform(0, 2 * math.pi), rng.uniform(15e-3, 70e-3) * canvas.px_per_m
     way = np.array([math.cos(turn), math.sin(turn)])
     line = at + np.linspace(-0.5, 0.5, 30)[:, None] * length * way + np.cumsum(rng.normal(0, 0.6, (30, 2)), axis=0)
@@ -274,7 +274,7 @@ def _grid(canvas: SceneCanvas, turn: float) -> tuple[FloatImage, FloatImage]:
 
 
 def _board(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """Painted board: blotches, grain, a few scratches and specks of dust."""
+    """Returns the texture of a painted board: blotches, grain, a few scratches and specks of dust."""
     h, w = canvas.transmittance.shape
     level = multi_scale_noise(rng, (h, w), (5.0, 20.0, 90.0, 350.0), 0.55) * appearance.texture_grey
     level += cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), 1.6) * (1.6 * appearance.texture_grey)
@@ -292,7 +292,7 @@ def _board(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random
 
 
 def _cloth(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """Woven cloth with soft folds: threads go over and under one another, and are not quite straight."""
+    """Returns the texture of woven cloth with soft folds; its threads are not quite straight."""
     h, w = canvas.transmittance.shape
     x, y = _grid(canvas, rng.uniform(0, math.pi))
     pitch = np.float32(2 * math.pi / rng.uniform(0.7e-3, 1.3e-3))
@@ -308,7 +308,7 @@ def _cloth(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random
 
 
 def _paper(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """Millimetre paper: thin lines every mm, stronger ones every 5 and 10."""
+    """Returns the texture of millimetre paper: thin lines every mm, stronger ones every 5 and 10."""
     h, w = canvas.transmittance.shape
     level = multi_scale_noise(rng, (h, w), (4.0, 30.0, 250.0), 0.6) * (0.6 * appearance.texture_grey)
     for axis in _grid(canvas, rng.uniform(-0.08, 0.08)):
@@ -319,7 +319,7 @@ def _paper(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random
 
 
 def _breadboard(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """Metal table, finely brushed, with tapped holes every 25 mm."""
+    """Returns the texture of a metal table, finely brushed, with tapped holes every 25 mm."""
     h, w = canvas.transmittance.shape
     brushed = cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), sigmaX=40.0, sigmaY=0.8)
     level = brushed / brushed.std() * (0.6 * appearance.texture_grey)
@@ -340,7 +340,7 @@ def _breadboard(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.r
 
 
 def _printed(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """A printed sheet: lines of text, bars and frames, somewhat askew."""
+    """Returns the texture of a printed sheet: lines of text, bars and frames, somewhat askew."""
     h, w = canvas.transmittance.shape
     per_mm = canvas.px_per_m * 1e-3
     ink = np.zeros((h, w), np.uint8)
@@ -366,7 +366,7 @@ def _printed(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.rand
 
 
 def _metal(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """A plate of brushed metal, with the streaks in which it mirrors the lamps."""
+    """Returns the texture of a plate of brushed metal, with the streaks in which it mirrors the lamps."""
     h, w = canvas.transmittance.shape
     long, short = (60.0, 0.8) if rng.random() < 0.5 else (0.8, 60.0)
     brushed = cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), sigmaX=long, sigmaY=short)

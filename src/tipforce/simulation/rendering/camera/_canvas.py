@@ -300,12 +300,12 @@ class SceneCanvas:
         self.changed.append(part)
 
     def fade(self, opacity: float) -> None:
-        """Let all that was laid be seen through: it keeps ``opacity`` of its light and of its cover."""
+        """Makes all painted objects transparent: they keep ``opacity`` of their light and of their cover."""
         self.levels *= np.float32(opacity)
         self.transmittance[:] = 1.0 - np.float32(opacity) * (1.0 - self.transmittance)
 
     def seen(self, sigma_px: float) -> tuple[FloatImage, FloatImage]:
-        """Levels (3, h, w) and free share of the view (h, w), at the image's size, blurred by ``sigma_px``."""
+        """Returns levels (3, h, w) and free share of the view (h, w), at the image's size, blurred by ``sigma_px``."""
         # The shrinking is itself a blur: a mean over FINER canvas pixels.
         rest = max(0.0, (sigma_px * FINER) ** 2 - (FINER**2 - 1) / 12.0) ** 0.5
         size = (self.transmittance.shape[1] // FINER, self.transmittance.shape[0] // FINER)

@@ -109,7 +109,7 @@ def lay_foreground(clean: FloatImage, front: FloatImage, box: Box) -> None:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _half(shift: float) -> tuple[int, int, int, int, np.float32]:
-    """A shift in px -> phase and whole px of the two neighbours in a half-pixel grid, and the second's weight."""
+    """Returns phase and whole px of the two neighbours of a shift in a half-pixel grid, and the second's weight."""
     doubled = 2.0 * shift
     low = math.floor(doubled)
     first, second = int(low), int(low) + 1
@@ -128,7 +128,7 @@ def _gather(
     weight: np.float32,
     rows: FloatImage,
 ) -> None:
-    """Add ``weight`` times ``planes`` of ``sprite`` for columns [``lows``, ``highs``) of row ``v`` to ``rows``."""
+    """Adds ``weight`` times ``planes`` of ``sprite`` for columns [``lows``, ``highs``) of row ``v`` to ``rows``."""
     if highs <= lows:
         return
     py0, y0, py1, y1, fy = _half(dv)
@@ -160,7 +160,7 @@ def _gather_indented(
     middle: FloatArray,
     indentation: FloatArray,
 ) -> None:
-    """As `_gather`, with the sprite pushed along: ``middle`` (2,) px, ``indentation`` (4,): direction, depth, width."""
+    """Does the same as `_gather` for an indented sprite; ``middle`` and ``indentation``: see `lay_moving`."""
     for u in range(lows, highs):
         ru, rv = u - middle[0], v - middle[1]
         deep = ru * indentation[0] + rv * indentation[1]
@@ -396,7 +396,7 @@ def _lay_tube(layers: StaticLayers, buffers: Buffers, tube: Tube, nodes: TubeNod
 
 
 def _cast_shadows(layers: StaticLayers, buffers: Buffers, nodes: TubeNodes, depth_m: float) -> Box:
-    """The tube's shadows on the ground ``depth_m`` below it; they are soft, and take mid-exposure for all of it."""
+    """Casts the tube's shadows on the ground ``depth_m`` below it; they are soft: mid-exposure serves for all of it."""
     middle = nodes.nodes[len(nodes.nodes) // 2]
     dirty = _NOTHING
     sigma = max(0.8, math.hypot(layers.scene.shadow_sigma_m(depth_m) * layers.px_per_m, middle[-1, 7]))
@@ -417,7 +417,7 @@ def _cast_shadows(layers: StaticLayers, buffers: Buffers, nodes: TubeNodes, dept
 
 
 def _box_around(nodes: FloatArray, reach: float, moved: FloatArray, shape: tuple[int, ...]) -> Box:
-    """The box around ``nodes`` (m, n, 8), ``reach`` px wider and ``moved`` by (2,), within the image."""
+    """Returns the box around ``nodes`` (m, n, 8), ``reach`` px wider and moved by ``moved`` (2,), within the image."""
     low = nodes[..., :2].min(axis=(0, 1)) + moved - reach
     high = nodes[..., :2].max(axis=(0, 1)) + moved + reach + 2.0
     (u0, v0), (u1, v1) = np.maximum(low, 0.0), np.maximum(high, 0.0)
@@ -426,7 +426,7 @@ def _box_around(nodes: FloatArray, reach: float, moved: FloatArray, shape: tuple
 
 
 def _union(a: Box, b: Box) -> Box:
-    """The box around both."""
+    """Returns the box around both."""
     if a[1] <= a[0]:
         return b
     if b[1] <= b[0]:

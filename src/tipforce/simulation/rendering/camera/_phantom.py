@@ -101,7 +101,7 @@ def _lay_carrier(
     axes: tuple[FloatArray, FloatArray, FloatArray],
     reach_m: float,
 ) -> None:
-    """Plate, force sensor and arm behind the pad of ``shape``, and the shadow of all; ``axes``: origin, into, along."""
+    """Lays plate, force sensor and arm behind the pad of ``shape``, with all shadows; ``axes``: origin, into, along."""
     scene, appearance, unit = canvas.scene, canvas.scene.tissue, canvas.px_per_m
     origin, into, along = axes
     pad, plate = appearance.pad_m[0], appearance.pad_m[0] + appearance.plate_m[0]
@@ -131,7 +131,7 @@ def _lay_carrier(
 
 
 def _places(part: Part, origin: FloatArray) -> tuple[FloatImage, FloatImage]:
-    """(1, w) and (h, 1): u and v of the part's pixels, from ``origin``."""
+    """Returns u (1, w) and v (h, 1) of the part's pixels, from ``origin``."""
     v, u = (np.arange(side.start, side.stop).astype(np.float32) for side in part)
     across: FloatImage = u - np.float32(origin[0])
     down: FloatImage = v - np.float32(origin[1])
@@ -144,7 +144,7 @@ def _aside(part: Part, origin: FloatArray, along: FloatArray) -> FloatImage:
 
 
 def _cylinder(scene: CameraScene, part: Part, origin: FloatArray, along: FloatArray, radius: float) -> FloatImage:
-    """Shading of a turned metal cylinder seen from its side."""
+    """Returns the shading of a turned metal cylinder seen from its side."""
     x = np.clip(_aside(part, origin, along) / np.float32(radius), -1.0, 1.0)
     lamp = scene.light.lamps[0].direction
     lean = np.float32(lamp[0] * along[0] + lamp[1] * along[1])
@@ -161,7 +161,7 @@ def _rounded(
     unit: float,
     face_radius_m: float | None = None,
 ) -> Patch:
-    """Cover of a box with rounded corners in the wall's own directions, anti-aliased; bent like a round face."""
+    """Returns the anti-aliased cover of a box with rounded corners along the wall's directions, bent like its face."""
     corners = origin + unit * np.array([deep * into + side * along for deep in box[:2] for side in box[2:4]])
     round_ = np.zeros(1) if face_radius_m is None else face_depths(face_radius_m, np.array([max(map(abs, box[2:4]))]))
     part = canvas.box(corners, 2.0 + float(np.abs(round_).max()) * unit)
@@ -179,7 +179,7 @@ def _rounded(
 
 
 def _sprite(canvas: SceneCanvas, channels: int, sigma_px: float) -> tuple[FloatImage, npt.NDArray[np.int64]]:
-    """Half-pixel phases, blurred; where each of their rows has something, and where it has light of its own."""
+    """Returns the blurred half-pixel phases; and the spans of their rows with content, and with own light."""
     # Sampling between half pixels blurs a little too: up to 1/16 px^2, on average 1/24.
     sigma = FINER * max(0.0, sigma_px**2 - 1 / 24 - 1 / 48) ** 0.5
     part = _painted_part(canvas, math.ceil(8.0 * sigma) + 4)
@@ -208,7 +208,7 @@ def _sprite(canvas: SceneCanvas, channels: int, sigma_px: float) -> tuple[FloatI
 
 
 def _painted_part(canvas: SceneCanvas, reach: int) -> Part:
-    """Where anything was painted and ``reach`` px more, to whole pixels of the image.
+    """Returns the painted part and ``reach`` px more, to whole pixels of the image.
 
     It begins at a multiple of the vector instructions' width, so that a blur of it rounds as one of the whole would.
     """

@@ -47,7 +47,7 @@ def develop(
 
 
 def _mosaic(clean: FloatImage) -> FloatImage:
-    """(1, h, w): of each pixel the one colour that its photosite sees: red, green / green, blue."""
+    """Returns (1, h, w): the one colour of each pixel that its photosite detects: red, green / green, blue."""
     sites = clean[1].copy()
     sites[0::2, 0::2] = clean[0, 0::2, 0::2]
     sites[1::2, 1::2] = clean[2, 1::2, 1::2]

@@ -150,7 +150,7 @@ def image_truth(
 def _left_in_front(
     layers: StaticLayers, buffers: Buffers, tissue: TissueState | None, time_s: float
 ) -> npt.NDArray[np.float32]:
-    """(h, w): share of the catheter's light that passes the objects in front of it."""
+    """Returns the share (h, w) of the catheter's light that passes the objects in front of it."""
     scene = layers.scene
     left = np.ones(layers.light.shape, np.float32) if layers.foreground is None else layers.foreground[-1].copy()
     instrument, second = scene.instrument, layers.second

@@ -35,7 +35,7 @@ class SensorNoise:
         return cls((sigma_grey**2 - read**2) / 128.0, read)
 
     def sigma(self, level: float) -> float:
-        """Standard deviation at ``level``, before quantisation, grey levels."""
+        """Returns the standard deviation at ``level`` before quantisation, in grey levels."""
         return math.sqrt(self.read_grey**2 + self.grey_per_electron * max(0.0, level))
 
 

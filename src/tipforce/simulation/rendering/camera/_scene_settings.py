@@ -357,7 +357,7 @@ def _tissue(ranges: SceneRanges, rng: np.random.Generator) -> TissueAppearance:
 
 
 def _instrument(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -> Instrument:
-    """From beyond the image's border to somewhere near the catheter, or across it."""
+    """Draws an instrument from beyond the image's border to somewhere near the catheter, or across it."""
     turn = rng.uniform(0.25 * math.pi, 0.75 * math.pi) * rng.choice([-1.0, 1.0])
     way = np.array([math.cos(turn), math.sin(turn)])
     near = np.array([rng.uniform(0.2, 1.6) * length_m, 0.0]) + way * rng.uniform(-12e-3, 25e-3)
@@ -375,7 +375,7 @@ def _instrument(ranges: SceneRanges, rng: np.random.Generator, length_m: float) 
 
 
 def _occluders(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -> tuple[Occluder, ...]:
-    """One to three bands that hide, together, about the drawn share of the shaft."""
+    """Draws one to three bands that hide, together, about the drawn share of the shaft."""
     share = _of(rng, ranges.hidden_share)
     if share <= 0.0:
         return ()

@@ -20,14 +20,14 @@ _HEIGHT_M = 4e-3
 
 
 def _over(front: FloatImage | None, behind: FloatImage | None) -> FloatImage | None:
-    """Two layers (c + 1, h, w) as one, ``front`` before ``behind``."""
+    """Composes two layers (c + 1, h, w) to one, ``front`` before ``behind``."""
     if front is None or behind is None:
         return behind if front is None else front
     return np.concatenate([front[:-1] + front[-1:] * behind[:-1], front[-1:] * behind[-1:]])
 
 
 def _lay_cover(canvas: SceneCanvas, camera: CameraModel, cover: CoverPlate, rng: np.random.Generator) -> None:
-    """A plate from its edge on to beyond the image's border."""
+    """Lays a plate from its edge on to beyond the image's border."""
     into = np.array([math.cos(cover.into_rad), math.sin(cover.into_rad)])
     along = np.array([-into[1], into[0]])
     edge = np.array(cover.edge_m)
@@ -45,7 +45,7 @@ def _lay_cover(canvas: SceneCanvas, camera: CameraModel, cover: CoverPlate, rng:
 def _tube_layer(
     tube: Tube, length_m: float, camera: CameraModel, focus: Focus, light: FloatImage, *, cut: bool
 ) -> FloatImage:
-    """(c + 1, h, w): a straight tube that ends at the base and never moves, lit; ``cut``: ``length_m`` long, no more.
+    """Returns the layer (c + 1, h, w) of a lit straight tube that ends at the base; ``cut``: after ``length_m``.
 
     A tube is drawn to beyond its beginning; that is cut off as soft as the image is.
     """
@@ -75,7 +75,7 @@ SHEATH_LENGTH_M = 60e-3
 def _sheath_layer(
     scene: CameraScene, camera: CameraModel, focus: Focus, px_per_m: float, depth_m: float, light: FloatImage
 ) -> FloatImage | None:
-    """The sheath up to its mouth at the base, and the stopper on it."""
+    """Returns the layer of the sheath up to its mouth at the base, and of the stopper on it."""
     sheath = scene.sheath
     if sheath is None:
         return None
@@ -226,7 +226,7 @@ def make_static_layers(
 
 
 def _channels(levels: FloatImage, channels: int) -> FloatImage:
-    """RGB levels (3, h, w) as they are, or as the one plane of a grey camera."""
+    """Returns RGB levels (3, h, w) as they are, or as the one plane of a grey camera."""
     return levels if channels == 3 else np.tensordot(np.array([[0.299, 0.587, 0.114]], np.float32), levels, axes=1)
 
 

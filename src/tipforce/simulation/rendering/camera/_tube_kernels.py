@@ -25,7 +25,7 @@ POINTS_PER_M = 200_000.0
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _look_up(table: FloatImage, blur: float, turn: float, column: float, out: FloatImage) -> None:
-    """Interpolate ``table`` (blur, direction, across, 4) at fractional places into ``out`` (4,)."""
+    """Interpolates ``table`` (blur, direction, across, 4) at fractional indices into ``out`` (4,)."""
     k = min(int(blur), table.shape[0] - 2)
     n = table.shape[1]
     d = int(turn)
@@ -45,7 +45,7 @@ def _look_up(table: FloatImage, blur: float, turn: float, column: float, out: Fl
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _blend_row(table: FloatImage, blur: float, turn: float, row: FloatImage) -> None:
-    """The whole row (across, 4) of ``table`` at a fractional blur and direction."""
+    """Interpolates the whole row (across, 4) of ``table`` at a fractional blur and direction."""
     k = min(int(blur), table.shape[0] - 2)
     d = int(turn)
     fb, fd = np.float32(blur - k), np.float32(turn - d)

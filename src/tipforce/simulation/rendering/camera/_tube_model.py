@@ -37,14 +37,14 @@ class TubeProfile:
 
 
 def _lobe(normal: FloatArray, lamp: Lamp, sharpness: float) -> FloatArray:
-    """Highlight of ``lamp`` where ``normal`` (..., 3) is halfway between it and the camera."""
+    """Returns the highlight of ``lamp`` where ``normal`` (..., 3) is halfway between it and the camera."""
     half = np.array(lamp.direction) + np.array([0.0, 0.0, 1.0])
     half /= np.linalg.norm(half)
     return np.maximum(0.0, normal @ half) ** sharpness
 
 
 def _shade(normal: FloatArray, lamps: tuple[Lamp, ...], ambient: float, finish: TubeFinish) -> FloatArray:
-    """(..., 3) matte, gloss, metal of surfaces with ``normal`` (..., 3)."""
+    """Returns matte, gloss and metal light (..., 3) of surfaces with ``normal`` (..., 3)."""
     facing = ambient + sum(lamp.strength * lamp.direction[2] for lamp in lamps)
     matte = ambient * (0.6 + 0.4 * normal[..., 2])
     gloss = finish.rim_grey * (1.0 - normal[..., 2]) ** 4
@@ -108,7 +108,7 @@ class Focus:
     px_per_m: float
 
     def sigma_px(self, depth_m: float) -> float:
-        """Standard deviation of the blur at ``depth_m`` from the camera."""
+        """Returns the standard deviation of the blur at ``depth_m`` from the camera."""
         return math.hypot(self.sharp_px, self.px_per_m * (depth_m - self.depth_m))
 
 
@@ -123,14 +123,14 @@ class TubeNodes:
 
 @lru_cache(maxsize=64)
 def _operators(count: int, at: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """Matrices (m, count): values and slopes at the places ``at`` (in steps) of the spline through ``count`` nodes."""
+    """Returns matrices (m, count): values and slopes of the spline through ``count`` nodes at ``at``, in steps."""
     spline = CubicSpline(np.arange(count), np.eye(count))
     return spline(np.array(at)), spline(np.array(at), 1)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _sides(points: FloatArray, slopes_3d: FloatArray, position: FloatArray, radius: float, sides: FloatArray) -> None:
-    """Points of the tube where its outline is seen from ``position``: (m, 3) axis and its slopes -> (2, m, 3).
+    """Computes the points (2, m, 3) at which the outline of a tube is seen from ``position``.
 
     The ray of the camera touches there: normal . (point - position + radius normal) = 0, normal across the axis.
     """
@@ -275,7 +275,7 @@ def make_tube(
 
 
 def _materials(appearance: CatheterAppearance, length_m: float, channels: int, sigma_m: float, seed: int) -> FloatImage:
-    """(m, 2 c + 1): weights of matte light, metal light and gloss by arc length, blurred as the image is."""
+    """Returns weights (m, 2 c + 1) of matte light, metal light and gloss by arc length, blurred as the image is."""
     rng = np.random.default_rng([seed, 4])
     s = (np.arange(int((length_m + 1e-3) * POINTS_PER_M)) + 0.5) / POINTS_PER_M
     back = length_m - s

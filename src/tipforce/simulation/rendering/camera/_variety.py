@@ -180,7 +180,7 @@ def _before_corners(framing: Framing, half_m: float) -> Framing:
 def _catheter(
     plain: CatheterAppearance, variety: SceneVariety, rng: np.random.Generator
 ) -> tuple[CatheterAppearance, float]:
-    """How one catheter looks in all of its sessions, and its shaft's grey."""
+    """Draws the appearance of one catheter in all of its sessions, and its shaft's grey."""
     grey = float(rng.uniform(*variety.shaft_grey))
     dark = rng.random() < variety.dark_tip_share
     metal = float(rng.uniform(20.0, 60.0) if dark else rng.uniform(95.0, 195.0))
@@ -272,7 +272,7 @@ _STRAIGHT_ENOUGH = math.cos(math.radians(25.0))
 
 
 def _crop_axis(framing: Framing) -> str:
-    """The border beyond which the tissue can be: "far" from the base, "left" or "right" of its tangent, or none."""
+    """Returns the border beyond which the tissue can be: "far" from the base, "left" or "right" of its tangent, ""."""
     along, across = (float(x) for x in framing.forward)
     if along > _STRAIGHT_ENOUGH:
         return "far"
@@ -286,7 +286,7 @@ _TURN = {"left": 0.0, "right": math.pi, "bottom": math.pi / 2, "top": -math.pi /
 def _frame(
     lens: Lens, variety: SceneVariety, framing: Framing, cropped: bool, rng: np.random.Generator
 ) -> tuple[Lens, float]:
-    """The lens with scale and base as somebody sets it up who wants the tip in view, and how far inside the base is.
+    """Draws the lens as a person sets it up who wants the tip in view, and the base's distance inside the image.
 
     Drawn again where the tilted camera would lose some of the catheter.
     """

@@ -143,7 +143,7 @@ def _ribs(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
 
 
 def _vessels(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
-    """The lung's vessels: they branch outward from both hila and get thinner."""
+    """Makes the lung's vessels: they branch outward from both hila and get thinner."""
     parts: list[Part] = []
     contrast = anatomy.lung * (PER_M["soft_tissue"] - PER_M["lung"])
     for side in (-1.0, 1.0):
@@ -167,7 +167,7 @@ def _metal(points_mm: FloatArray, radius_mm: float, per_m: float) -> Part:
 
 
 def _sternal(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
-    """Steel loops that closed the breastbone, each with its twist."""
+    """Makes the steel loops that closed the breastbone, each with its twist."""
     parts: list[Part] = []
     x0 = 1e3 * anatomy.spine_m[0] + rng.normal(0, 4)
     for k in range(anatomy.sternal_wires):
@@ -183,7 +183,7 @@ def _sternal(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
 
 
 def _leads(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
-    """Electrocardiogram leads on the skin, some with their clip in view."""
+    """Makes electrocardiogram leads on the skin, some with their clip in view."""
     parts: list[Part] = []
     for _ in range(anatomy.leads):
         y = rng.choice([-105.0, 105.0])
@@ -216,7 +216,7 @@ def heart_blobs(anatomy: Anatomy) -> list[Blob]:
 
 
 def liver_blobs(anatomy: Anatomy) -> list[Blob]:
-    """The organs below the two domes of the diaphragm, breathed out."""
+    """Makes the organs below the two domes of the diaphragm, breathed out."""
     contrast = anatomy.lung * (PER_M["soft_tissue"] - PER_M["lung"])
     right, left = anatomy.dome_m + 8e-3, anatomy.dome_m - 6e-3
     return [

@@ -37,11 +37,11 @@ class CArm:
         return self.source_detector_m / self.source_object_m
 
     def imager_spacing_m(self, width: int = 512) -> float:
-        """Pitch of the detector's pixels in a image of ``width`` columns."""
+        """Returns the pitch of the detector's pixels in an image of ``width`` columns."""
         return self.scale_m_per_px * 512.0 / width * self.magnification
 
     def display_axes(self) -> FloatArray:
-        """(3, 3) rows, in the patient's frame: the image's right, its up, and from tube to detector (to the viewer).
+        """Returns rows (3, 3), patient's frame: the image's right, its up, and from tube to detector (to the viewer).
 
         >>> CArm(0.0, 0.0, 1.1, 0.75, 0.25e-3).display_axes() + 0.0
         array([[ 1.,  0.,  0.],

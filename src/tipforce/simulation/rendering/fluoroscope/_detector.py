@@ -53,7 +53,7 @@ def frame_key(seed: int, view: int, frame: int, purpose: int) -> Words:
 
 
 def _alias_row(chance: FloatArray) -> Words:
-    """Vose's construction for (128,) probabilities."""
+    """Makes the alias table of (128,) probabilities by Vose's construction."""
     scaled = chance / chance.sum() * _COLUMNS
     threshold, alias = np.ones(_COLUMNS), np.arange(_COLUMNS)
     small = [k for k in range(_COLUMNS) if scaled[k] < 1.0]
@@ -72,7 +72,7 @@ def _alias_row(chance: FloatArray) -> Words:
 
 
 def photon_tables() -> PhotonTables:
-    """The tables that `sample_photons` reads; made once."""
+    """Makes the tables that `sample_photons` reads."""
     from scipy.special import gammaln
 
     k = np.arange(_COLUMNS)
@@ -83,7 +83,7 @@ def photon_tables() -> PhotonTables:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _many(means: FloatImage, row: FloatImage) -> None:
-    """Gaussian numbers in ``row`` to photons of these ``means`` plus a half, not yet rounded down."""
+    """Converts Gaussian numbers in ``row`` to photons of these ``means`` plus a half, not yet rounded down."""
     one, two, three, five = np.float32(1.0), np.float32(2.0), np.float32(3.0), np.float32(5.0)
     half, sixth, twelfth = np.float32(0.5), np.float32(1 / 6), np.float32(1 / 12)
     over24, over36, few = np.float32(1 / 24), np.float32(1 / 36), np.float32(FEW)

@@ -59,7 +59,7 @@ def write_dicom(
 
 
 def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.int64]) -> Any:
-    """Patient, study, series, equipment, common instance; unique numbers from the scene, so that they come again."""
+    """Makes patient, study, series, equipment and common instance; the scene determines the unique numbers."""
 
     def uid(*parts: object) -> Any:
         return pydicom.uid.generate_uid(entropy_srcs=["tipforce", repr(scene), *map(str, parts)])
@@ -97,7 +97,7 @@ def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.
 
 
 def _add_geometry(data: Any, scene: XrayScene, view: int, width: int) -> None:
-    """XA positioner module and the detector's pixels."""
+    """Adds the XA positioner module and the detector's pixels."""
     arm = scene.views[view].stated
     data.PositionerMotion = "STATIC"
     data.PositionerPrimaryAngle = f"{arm.primary_deg:.2f}"
@@ -110,7 +110,7 @@ def _add_geometry(data: Any, scene: XrayScene, view: int, width: int) -> None:
 
 
 def _add_acquisition(data: Any, scene: XrayScene, view: int) -> None:
-    """X-ray acquisition module: the known values of the beam."""
+    """Adds the X-ray acquisition module: the known values of the beam."""
     beam = scene.views[view].beam
     data.KVP = f"{beam.kvp:g}"
     data.RadiationSetting, data.RadiationMode = "SC", "PULSED"
@@ -122,7 +122,7 @@ def _add_acquisition(data: Any, scene: XrayScene, view: int) -> None:
 
 
 def _add_pixels(pydicom: Any, data: Any, frames: Images, stamps: npt.NDArray[np.int64], curve: str, bits: int) -> None:
-    """Multi-frame, cine and image pixel modules."""
+    """Adds the multi-frame, cine and image pixel modules."""
     data.NumberOfFrames = len(frames)
     data.FrameIncrementPointer = pydicom.tag.Tag("FrameTimeVector")
     # The first increment is 0 by definition, and the time before the first frame is the delay; all in milliseconds.

@@ -23,7 +23,7 @@ def _sleeve(thickness_m: float, radius_m: float) -> Layer:
 
 
 def _dome(way: AxialProfile, length_m: float, radius_m: float) -> AxialProfile:
-    """The same with a hemisphere at its end."""
+    """Returns the same profile with a hemisphere at its end."""
     left = np.clip(length_m - np.arange(way.size.size) / POINTS_PER_M, 0.0, radius_m)
     return AxialProfile(way.amount, np.sqrt(np.maximum(1.0 - (1.0 - left / radius_m) ** 2, 0.0)))
 

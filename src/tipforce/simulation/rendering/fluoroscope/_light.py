@@ -46,7 +46,7 @@ def soft_layers(
 def _moved(
     layer: FloatImage, layers: StaticLayers, size: float, du: float, dv: float, shape: tuple[int, int]
 ) -> FloatImage:
-    """``layer`` about the heart's middle scaled by ``size`` and moved by (du, dv) px of the image."""
+    """Scales ``layer`` by ``size`` about the heart's middle and moves it by (du, dv) px of the image."""
     middle = (layers.heart_px - 0.5 * (COARSE - 1)) / COARSE
     back = 1.0 / size
     u = middle[0] * (1.0 - back) - back * du / COARSE + layers.coarse_margin
@@ -160,7 +160,7 @@ class ScatterAndGlare:
 
 
 def _spread(count: int, sigma: float) -> FloatImage:
-    """(count, count): a Gaussian over a row of blocks; beyond the border it goes on as at the border."""
+    """Returns the matrix (count, count) of a Gaussian over a row of blocks; beyond the border it goes on as there."""
     reach = math.ceil(4.0 * sigma)
     at = np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (at / sigma) ** 2)

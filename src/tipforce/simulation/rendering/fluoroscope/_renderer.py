@@ -48,7 +48,7 @@ class Pulse:
     time_s: float = 0.0
 
     def same(self, other: "Pulse") -> bool:
-        """Whether both give the same light and noise."""
+        """Returns whether both give the same light and noise."""
         if self is other:
             return True
         if (self.frame, self.time_s) != (other.frame, other.time_s) or (self.tissue is None) != (other.tissue is None):
@@ -164,7 +164,7 @@ class XrayRenderer:
         return image
 
     def run(self, pulses: Iterable[Pulse]) -> Iterator[GreyImage]:
-        """Images of pulses that follow each other, each with the lag of those before it."""
+        """Yields the images of pulses that follow each other, each with the lag of those before it."""
         before: list[Pulse] = []
         for pulse in pulses:
             yield self.render(
@@ -203,7 +203,7 @@ class XrayRenderer:
         return image_truth(self.camera, sample_exposure(checked(shapes_m), 1)[0], self.scene.catheter.radius_m, h, w)
 
     def _photon_counts(self, pulse: Pulse) -> PhotonCounts:
-        """The noise of one pulse, alone; kept for the frames after it."""
+        """Returns the photons of one pulse alone; they are kept for the frames after it."""
         buffers = self._buffers()
         for known, plane in buffers.kept:
             if known.same(pulse):
@@ -216,7 +216,7 @@ class XrayRenderer:
         return plane
 
     def _expect(self, buffers: _Buffers, pulse: Pulse) -> None:
-        """Leave the expected photons of ``pulse`` in ``buffers.light``."""
+        """Computes the expected photons of ``pulse`` in ``buffers.light``."""
         layers, rhythm = self._layers, self.scene.rhythm
         self._lay_tubes(buffers, pulse)
         breath = rhythm.breath(pulse.time_s)
@@ -254,7 +254,7 @@ class XrayRenderer:
         buffers.spans[:] = no_spans(len(buffers.spans))
 
     def _measured(self) -> FloatArray:
-        """(5,) share of the rays that reaches the measuring field without the catheter, by the patient's breath."""
+        """Returns the share (5,) of the rays that reaches the measuring field without the catheter, by the breath."""
         buffers = self._buffers()
         h, w = buffers.light.shape
         v, u = np.mgrid[0:h, 0:w]
@@ -317,7 +317,7 @@ def _cover(mask: BoolArray, pixels: FloatArray, half_px: FloatArray) -> None:
 
 
 def _covered(camera: CameraModel, points_m: FloatArray, radius_m: float, height: int, width: int) -> BoolArray:
-    """(h, w): pixels whose ray through the middle passes a tube of ``radius_m`` along ``points_m`` (n, 3), world.
+    """Returns the pixels (h, w) whose ray passes a tube of ``radius_m`` along ``points_m`` (n, 3), camera's world.
 
     The tube ends in a hemisphere of its own radius at the last point.
     """

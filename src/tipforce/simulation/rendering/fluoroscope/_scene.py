@@ -113,12 +113,12 @@ class Rhythm:
     breath_phase: float
 
     def breath(self, time_s: float) -> float:
-        """0 (breathed out) to 1; out longer than in."""
+        """Returns the breath from 0 (breathed out) to 1; it is out longer than in."""
         turn = 2 * math.pi * (self.breath_hz * time_s + self.breath_phase)
         return (0.5 - 0.5 * math.cos(turn)) ** 1.5
 
     def beating(self, time_s: float) -> float:
-        """0 (filled) to 1 (emptied)."""
+        """Returns the beat from 0 (filled) to 1 (emptied)."""
         turn = 2 * math.pi * (self.heart_hz * time_s + self.heart_phase)
         return 0.5 - 0.5 * math.cos(turn) + 0.1 * math.sin(2 * turn)
 
@@ -192,7 +192,7 @@ class XrayScene:
 
 
 def lag_weights(detector: Detector) -> FloatArray:
-    """(1 + m,) how much of the light of this frame and of those before it is read out now; adds up to 1.
+    """Returns the shares (1 + m,) of the light of this frame and of those before it that are read out now; sum 1.
 
     The mixture of exponentials is cut where less than 0.2 % is left, at 6 frames at the latest.
     """

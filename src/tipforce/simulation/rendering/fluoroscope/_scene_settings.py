@@ -215,7 +215,7 @@ def _detector(ranges: XrayRanges, rng: np.random.Generator) -> Detector:
 
 
 def _base(ranges: XrayRanges, rng: np.random.Generator, arm: CArm) -> Pose:
-    """The base frame in the patient's: x, y in the first view's image plane through the isocentre, then tilted."""
+    """Draws the base frame in the patient's: in the first view's image plane through the isocentre, then tilted."""
     axes = arm.display_axes()  # rows: right, up, toward the viewer
     half = _HALF_PX * arm.scale_m_per_px
     inset, along = _of(rng, ranges.base_inset_m), _of(rng, ranges.base_shift_m)

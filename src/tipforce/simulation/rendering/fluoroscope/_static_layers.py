@@ -133,7 +133,7 @@ def _add_part(
 def _add_sheath(
     scene: XrayScene, drawn: FloatImage, spans: IntArray, camera: CameraModel, px_per_m: float, blur_px: float
 ) -> None:
-    """From the base backwards, gently bent."""
+    """Adds the sheath from the base backwards, gently bent."""
     rng = np.random.default_rng([scene.seed, 3])
     s = np.linspace(0.0, 60e-3, 41)
     bend_y, bend_z = rng.normal(0, 6.0), rng.normal(0, 6.0)
@@ -143,7 +143,7 @@ def _add_sheath(
 
 
 def _texture(rng: np.random.Generator, height: int, width: int) -> FloatImage:
-    """Fat, muscle and the table: slow differences of attenuation."""
+    """Draws slow differences of attenuation (h, w), as of fat, muscle and the table."""
     total = np.zeros((height, width), np.float32)
     for cells, size in ((3, 0.12), (6, 0.05), (14, 0.02), (40, 0.010), (100, 0.006)):
         noise = rng.normal(0, size, (cells, cells)).astype(np.float32)
@@ -152,7 +152,7 @@ def _texture(rng: np.random.Generator, height: int, width: int) -> FloatImage:
 
 
 def _soft(blobs: list[Blob], camera: CameraModel, shape: tuple[int, int]) -> FloatImage:
-    """Attenuation of ellipsoids that run into each other: a soft maximum of their chords, edges softened."""
+    """Returns the attenuation of ellipsoids that run into each other: a soft maximum of their chords."""
     h, w = shape
     v, u = np.mgrid[0:h, 0:w]
     rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))

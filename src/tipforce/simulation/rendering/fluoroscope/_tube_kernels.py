@@ -30,7 +30,7 @@ _SOFT_PX = 1.0
 
 
 def no_spans(height: int) -> IntArray:
-    """(h, 2): in every row, nothing drawn."""
+    """Returns spans (h, 2) of rows in which nothing is drawn."""
     spans = np.zeros((height, 2), np.int64)
     spans[:, 0] = 1 << 30
     return spans
@@ -38,7 +38,7 @@ def no_spans(height: int) -> IntArray:
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _bell(x: float) -> float:
-    """A smooth step from 0 at -1 to 1 at 1."""
+    """Returns a smooth step from 0 at -1 to 1 at 1."""
     if x <= -1.0:
         return 0.0
     if x >= 1.0:
@@ -49,7 +49,7 @@ def _bell(x: float) -> float:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _seen(camera: FloatArray, points: FloatArray, nodes: FloatArray) -> None:
-    """World ``points`` (n > 2, 3) -> ``nodes`` (n, 7): x, y, z of the camera; u, v; their slope by node number."""
+    """Converts world ``points`` (n > 2, 3) to ``nodes`` (n, 7), see `add_side_view`."""
     n = points.shape[0]
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -81,7 +81,7 @@ def _add_disc(
     weights: FloatArray,
     table: FloatImage,
 ) -> None:
-    """One disc at u, v with the unit tangent (tu, tv) = ``at``; ``lean_px``: how far its rim leans along the tangent.
+    """Adds a disc at u, v with the unit tangent (tu, tv) = ``at``, whose rim leans by ``lean_px`` along the tangent.
 
     ``scale``: the disc's radius over the table's, ``half_px``; ``reach`` of the table, px; ``weights`` (materials,) of
     its rows.
@@ -145,7 +145,7 @@ def _add_discs(
     amount: FloatArray,
     size: FloatArray,
 ) -> None:
-    """`add_tube` for tubes that lean toward the source: a row of thin discs."""
+    """Adds the attenuation of a tube that leans toward the source: a row of thin discs; see `add_side_view`."""
     h, w = drawn.shape
     n = nodes.shape[0]
     weights = np.empty(table.shape[0])
@@ -220,7 +220,7 @@ def _add_discs(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _part(nodes: FloatArray, discs: FloatArray) -> tuple[bool, bool]:
-    """``discs`` (n,): 1 at nodes of stretches that are seen more from their end, else 0; whether some are 1, are 0."""
+    """Sets ``discs`` (n,) to 1 at nodes of stretches seen from their end, else to 0; returns if any is 1, and is 0."""
     discs[:] = 0.0
     for i in range(nodes.shape[0] - 1):
         along, total, size = 0.0, 0.0, 0.0
@@ -486,7 +486,7 @@ def add_side_view(
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY, inline="always")
 def transmittance(x: np.float32) -> np.float32:
-    """exp(-64 ``x``): the series of exp(-``x``) up to its fourth power, squared six times."""
+    """Returns exp(-64 ``x``): the series of exp(-``x``) up to its fourth power, squared six times."""
     one, half, third, quarter = np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0), np.float32(0.25)
     y = one - x * (one - half * x * (one - third * x * (one - quarter * x)))
     y *= y

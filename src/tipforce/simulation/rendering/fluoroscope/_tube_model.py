@@ -141,7 +141,7 @@ ATTENUATION_PER_M: dict[str, float] = {
 
 
 def loaded_polymer_per_m(barium_sulphate: float) -> float:
-    """Linear attenuation, 1/m, of a catheter's polymer with this share by weight of barium sulphate.
+    """Returns the linear attenuation, 1/m, of a catheter's polymer with this share by weight of barium sulphate.
 
     >>> round(loaded_polymer_per_m(0.0), 1), round(loaded_polymer_per_m(0.3), 1)
     (20.9, 344.9)
