@@ -14,6 +14,9 @@ def import_extra(module: str, extra: str, *, package: str = "") -> Any:
         extra: the extra that installs the package.
         package: name of the package in the message; by default that of the missing module.
 
+    Returns:
+        The module.
+
     Raises:
         MissingExtraError: the package is not installed.
     """

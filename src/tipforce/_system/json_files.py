@@ -122,7 +122,12 @@ def check_depth(value: Any, where: str, remedy: str = "") -> None:
 
 
 def too_deep(where: str, remedy: str = "") -> FileFormatError:
-    """Returns the error for a value that is nested too deeply."""
+    """Returns the error for a value that is nested too deeply.
+
+    Args:
+        where: the file or the key, for the message.
+        remedy: the advice at the end of the message.
+    """
     end = f"; {remedy}" if remedy else ""
     return FileFormatError(
         f"{where}: lists or tables are nested more than {MAX_DEPTH} deep, expected a few levels{end}"
@@ -136,7 +141,11 @@ def _inside(value: Any) -> list[Any]:
 
 
 def flat_values(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """Returns nested values by their full keys, which begin with ``before``.
+    """Returns nested values by their full keys.
+
+    Args:
+        values: nested mappings.
+        before: beginning of every key.
 
     >>> flat_values({"views": {"camera": {"fps": 30}}})
     {'views.camera.fps': 30}

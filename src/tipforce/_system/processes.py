@@ -257,6 +257,9 @@ def run_child(
         timeout_s: time in s after which it is ended; None: no limit.
         threads: number of cores that it may use; None: all cores of this process.
 
+    Returns:
+        The exit status and, with ``capture``, the text of standard error.
+
     Raises:
         TimeoutExpired: of subprocess, after ``timeout_s``.
     """

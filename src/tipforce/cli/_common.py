@@ -63,14 +63,25 @@ def in_one_line(message: str) -> str:
 
 
 def say(text: str, style: str | None = None) -> None:
-    """One line for the person at the terminal."""
+    """Prints one line for the person at the terminal.
+
+    Args:
+        text: the line.
+        style: its style, as rich names it.
+    """
     console.print(shown(text), style=style, soft_wrap=True)
 
 
 def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
-    """Raises InputError where a file cannot be written, or would take the place of an input or of another output.
+    """Checks, before any work, that each output can be written and replaces neither an input nor another output.
 
-    To be asked before any work is done. None and "-" (standard output) are passed over.
+    Args:
+        inputs: files that are read.
+        *outputs: files that are to be written. None and "-" (standard output) are not checked.
+
+    Raises:
+        InputError: an output is an input, or is stated twice.
+        OutputError: an output cannot be written.
     """
     from ..io import check_output_file
 
@@ -87,7 +98,15 @@ def check_outputs(inputs: Sequence[Path], *outputs: Path | str | None) -> None:
 
 
 def check_new(*outputs: Path | str | None, overwrite: bool) -> None:
-    """Raises InputError where a file is there already, unless ``overwrite``. None and "-" are passed over."""
+    """Checks that no output exists already.
+
+    Args:
+        *outputs: files that are to be written. None and "-" (standard output) are not checked.
+        overwrite: whether files may be replaced; nothing is checked then.
+
+    Raises:
+        InputError: an output exists.
+    """
     for output in outputs:
         if output is not None and str(output) != "-" and Path(output).exists() and not overwrite:
             raise InputError(f"{output}: exists already; choose another name or state --overwrite")
@@ -126,9 +145,11 @@ def _line_a_minute() -> Callable[[str, float], None]:
 
 
 def write_json(figures: dict[str, Any], target: str | None) -> None:
-    """``figures`` to the file ``target``, to standard output for ``-``, nowhere for None.
+    """Writes figures as JSON. A number that is not finite is written as null: JSON has no such numbers.
 
-    A number that is not finite is written as null: JSON has no such numbers.
+    Args:
+        figures: values by key, nested.
+        target: the file; "-" for standard output; None: nothing is written.
     """
     if target is None:
         return

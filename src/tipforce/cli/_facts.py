@@ -26,7 +26,19 @@ KnobOption = Annotated[
 
 
 def stated_info(bench: Path | None, facts: list[str] | None, knob_deg: float | None = None) -> SessionInfo:
-    """Merges the options of a session; each later one wins: the bench file, single facts, the knob's angle."""
+    """Merges the options of a session; each later one wins.
+
+    Args:
+        bench: the file of the option ``--bench``.
+        facts: single facts, as "KEY=VALUE".
+        knob_deg: constant angle of the knob, degrees.
+
+    Returns:
+        The stated metadata of the session.
+
+    Raises:
+        FileFormatError, InputError: a file, a key or a value is wrong; the message names it.
+    """
     info = SessionInfo() if bench is None else read_bench(bench)
     if facts:
         info = info.updated(info_from_facts(facts))
@@ -38,7 +50,19 @@ def stated_info(bench: Path | None, facts: list[str] | None, knob_deg: float | N
 
 
 def number_from(text: str, option: str, expected: str) -> float:
-    """Returns ``text`` as a finite number; raises InputError naming ``option`` and the ``expected`` input."""
+    """Reads a number from an option.
+
+    Args:
+        text: the given text.
+        option: name of the option, for the message.
+        expected: the expected input, for the message.
+
+    Returns:
+        The finite number.
+
+    Raises:
+        InputError: the text is no finite number.
+    """
     try:
         value = float(text)
     except ValueError:

@@ -18,9 +18,18 @@ SetOption = Annotated[
 
 
 def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None) -> M:
-    """A ``model`` with ``pairs`` ("a.b=value"; values are JSON, else text) over its defaults, or over ``base``.
+    """Reads settings from the pairs of an option ``--set``.
 
-    Raises InputError that names the key, the given value and the possible keys.
+    Args:
+        model: class of the settings.
+        pairs: texts "a.b=value"; values are JSON, else text.
+        base: settings that the pairs change; by default those of ``model``.
+
+    Returns:
+        The changed settings.
+
+    Raises:
+        InputError: a key or a value is wrong; the message names the key, the given value and the possible keys.
     """
     values: dict[str, Any] = {} if base is None else base.model_dump()
     for pair in pairs or []:

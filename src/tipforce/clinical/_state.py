@@ -34,7 +34,11 @@ class ContactClass(StrEnum):
 
 
 def contact_state(magnitude_n: float, settings: ContactSettings) -> ContactState:
-    """Returns the state of the contact for a force; unknown for NaN.
+    """Returns the state of the contact for a force.
+
+    Args:
+        magnitude_n: magnitude of the force in newtons; NaN: unknown.
+        settings: force window, limit and contact threshold.
 
     >>> [str(contact_state(force, ContactSettings())) for force in (0.0, 0.05, 0.2, 0.41, float("nan"))]
     ['no_contact', 'unstable', 'effective', 'excessive', 'unknown']
@@ -49,7 +53,11 @@ def contact_state(magnitude_n: float, settings: ContactSettings) -> ContactState
 
 
 def contact_class(magnitudes_n: Sequence[float], settings: ContactSettings) -> ContactClass:
-    """Returns the class of a stretch of frames; NaN where there is no valid estimate.
+    """Returns the class of the contact over a stretch of frames.
+
+    Args:
+        magnitudes_n: magnitude of the force in each frame in newtons; NaN where there is no valid estimate.
+        settings: contact threshold, the swing of a constant contact, and the largest share of unknown frames.
 
     >>> [str(contact_class(forces, ContactSettings())) for forces in ([0.0, 0.0], [0.0, 0.2], [0.1, 0.35], [0.2, 0.21])]
     ['none', 'intermittent', 'variable', 'constant']

@@ -49,10 +49,10 @@ class Still:
         self._position = position_mm
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
-        """Ignores the estimate."""
+        """Ignores the estimate; see `Controller.add`."""
 
     def position_mm(self, time_s: float, target_n: float) -> float:
-        """Returns the position at which the hold began."""
+        """Returns the position at which the hold began; see `Controller.position_mm`."""
         del time_s, target_n
         return self._position
 
@@ -183,7 +183,7 @@ class PeriodicRejection:
         return (behind - ahead) / (2.0 * _DIFFERENCE_STEP_S)
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
-        """Learns the delay of the drives from the position; the observer has the force already."""
+        """Learns the delay of the drives from the position; the observer has the force. See `Controller.add`."""
         del gain_n_per_mm
         dt_s = 0.0 if self._time_s is None else sample.time_s - self._time_s
         self._time_s = sample.time_s

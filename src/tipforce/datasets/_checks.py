@@ -29,7 +29,15 @@ def crc_text(data: bytes) -> str:
 
 
 def check_image(path: Path, stated: str) -> None:
-    """Raises FileFormatError if the file at ``path`` does not have the checksum ``stated``; "" is not checked."""
+    """Checks that an image file was not changed.
+
+    Args:
+        path: the file; one that does not exist is not checked.
+        stated: its CRC-32 in the table, as `crc_text` writes it; "" is not checked.
+
+    Raises:
+        FileFormatError: the checksum differs.
+    """
     if stated and path.is_file() and crc_text(path.read_bytes()) != stated:
         raise FileFormatError(
             f"{path}: is damaged or was changed (its CRC-32 is not the {stated} that the table states); {_REMEDY}"

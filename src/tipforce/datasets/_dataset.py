@@ -27,11 +27,21 @@ class HasMasks(Protocol):
     """A store that also has masks of the catheter for its images."""
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
-        """Whether there is a mask for each of ``rows``."""
+        """Returns whether there is a mask for each row.
+
+        Args:
+            rows: (n,) indices of the rows.
+            view: name of the view.
+        """
         ...
 
     def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:
-        """Yields the mask (h, w) of each of ``rows``, not 0 on the catheter; None for an image without a mask."""
+        """Yields the mask (h, w) of each row, not 0 on the catheter; None for an image without a mask.
+
+        Args:
+            rows: (n,) indices of the rows.
+            view: name of the view.
+        """
         ...
 
 

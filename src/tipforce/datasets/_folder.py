@@ -31,7 +31,20 @@ MASKS = "masks"
 
 
 def open_folder(folder: Path, table_name: str = METADATA) -> Dataset:
-    """Returns the samples of a dataset folder; raises FileFormatError, TableError or TimeError."""
+    """Opens a dataset folder.
+
+    Args:
+        folder: the folder.
+        table_name: name of the table in it.
+
+    Returns:
+        The samples; images are read when they are used.
+
+    Raises:
+        FileFormatError: a file is missing or cannot be read.
+        TableError: a column is missing, or a cell has a wrong value; the message names it.
+        TimeError: two samples of a session have the same stamp.
+    """
     table, facts = open_table(folder / table_name, comments=False), read_facts(folder / FACTS)
     files = [name for name in table.columns if name == FILE or name.endswith(f"_{FILE}")]
     shapes = [name for name in table.columns if name.startswith("shape_")]

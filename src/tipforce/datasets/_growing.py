@@ -96,7 +96,12 @@ class Growing(ABC):
 
     @abstractmethod
     def add(self, number: int, samples: SessionSamples) -> None:
-        """Adds one session."""
+        """Adds one session.
+
+        Args:
+            number: number of the session, from 0.
+            samples: its images, masks and labels.
+        """
 
     def finish(self, title: str) -> None:
         """Joins all sessions; after a kill it can be called again, and nothing is lost."""
@@ -138,7 +143,12 @@ class Growing(ABC):
 
 
 def put(path: Path, data: bytes) -> None:
-    """Writes a file completely or not at all."""
+    """Writes a file completely or not at all.
+
+    Args:
+        path: the file; its folder is made where it does not exist.
+        data: its content.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.part")
     part.write_bytes(data)
@@ -172,7 +182,7 @@ class GrowingImages(Growing):
         return self._part(number).exists()
 
     def add(self, number: int, samples: SessionSamples) -> None:
-        """Writes the images of a session, then its rows, which show that it is complete."""
+        """Writes the images of a session, then its rows, which show that it is complete; see `Growing.add`."""
         files: dict[str, bytes] = {}
         for view, images in samples.images.items():
             files.update(zip(samples.names(view), images, strict=True))
@@ -256,7 +266,7 @@ class GrowingShards(Growing):
         return self._part(number).exists() or self._shard(number // self._each).exists()
 
     def add(self, number: int, samples: SessionSamples) -> None:
-        """Writes one session as a file of its own."""
+        """Writes one session as a file of its own; see `Growing.add`."""
         pa, parquet = arrow()
         labels = samples.columns()
         kinds = {"session": pa.string(), "stamp_ns": pa.int64()}

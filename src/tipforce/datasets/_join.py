@@ -31,7 +31,15 @@ def random_subset(dataset: Dataset, samples: int, seed: int = 0) -> Dataset:
 
 
 def every_nth(dataset: Dataset, every: int) -> Dataset:
-    """Returns each session's first sample and every ``every``-th after it. Raises InputError for a number below 1."""
+    """Returns each session's first sample and every n-th after it.
+
+    Args:
+        dataset: the samples, in the order of time within each session.
+        every: n, at least 1.
+
+    Raises:
+        InputError: ``every`` is below 1.
+    """
     if every < 1:
         raise InputError(f"every n-th frame: expected n of at least 1, got {every}")
     rows = [np.flatnonzero(dataset.session == name)[::every] for name in dataset.sessions]

@@ -32,7 +32,12 @@ class LabelTable(Protocol):
         ...
 
     def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray:
-        """Returns the (n,) numbers of one column; NaN for an empty cell where that is allowed."""
+        """Returns the (n,) numbers of one column.
+
+        Args:
+            name: the column's name.
+            may_be_empty: whether an empty cell is allowed; it is NaN then.
+        """
         ...
 
     def time_columns(self) -> tuple[str, ...]:

@@ -103,7 +103,15 @@ class ShardTable:
         return ["" if cell is None else str(cell) for cell in self._rest.column(name).to_pylist()]
 
     def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray:
-        """Returns the (n,) numbers of one column; NaN for an empty cell where that is allowed. Raises TableError."""
+        """Returns the (n,) numbers of one column.
+
+        Args:
+            name: the column's name.
+            may_be_empty: whether an empty cell is allowed; it is NaN then.
+
+        Raises:
+            TableError: a cell holds no finite number; the message names row and column.
+        """
         column = self._rest.column(name)
         try:
             values = np.asarray(column.cast("float64").to_numpy(), np.float64)

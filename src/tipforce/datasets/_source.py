@@ -103,6 +103,9 @@ def open_source(
         actuation: constant readings of drives (``knob_deg``) that the data do not have.
         stated: metadata that replace those of the data.
 
+    Returns:
+        The source, not yet entered.
+
     Raises:
         FileFormatError: ``path`` cannot be read.
         InputError: ``session`` does not exist or must be stated, or ``actuation`` has a name that the data have

@@ -42,6 +42,9 @@ def random_split(dataset: Dataset, test_share: float = 0.25, seed: int = 0) -> S
         test_share: share of the rows that is held out.
         seed: seed of the draw.
 
+    Returns:
+        Sorted indices of the rows of both parts.
+
     Raises:
         InputError: a part would be empty.
     """
@@ -62,6 +65,9 @@ def random_folds(dataset: Dataset, k: int = 4, seed: int = 0) -> list[Split]:
         k: number of folds.
         seed: seed of the shuffle.
 
+    Returns:
+        ``k`` splits.
+
     Raises:
         InputError: there are fewer rows than folds.
     """
@@ -73,12 +79,15 @@ def random_folds(dataset: Dataset, k: int = 4, seed: int = 0) -> list[Split]:
 
 
 def blocked_folds(dataset: Dataset, k: int = 4, gap_s: float = 1.0) -> list[Split]:
-    """Cuts every session into ``k`` blocks of equal count; fold i holds out the i-th block of each session.
+    """Cuts every session into blocks of equal count; fold i holds out the i-th block of each session.
 
     Args:
         dataset: the dataset.
-        k: number of folds.
+        k: number of blocks and folds.
         gap_s: training rows nearer than this to the held-out block of their session are left out.
+
+    Returns:
+        ``k`` splits.
 
     Raises:
         InputError: a session has fewer rows than ``k``, or the gaps leave no training rows.
@@ -100,6 +109,9 @@ def blocked_split(dataset: Dataset, test_share: float = 0.25, gap_s: float = 1.0
         test_share: share of each session that is held out.
         gap_s: training rows nearer than this to the held-out block of their session are left out.
         seed: seed of the position of the blocks.
+
+    Returns:
+        Sorted indices of the rows of both parts.
 
     Raises:
         InputError: a session has too few rows, or the gaps leave no training rows.
@@ -124,6 +136,9 @@ def session_folds(dataset: Dataset, k: int | None = None, seed: int = 0) -> list
         dataset: the dataset.
         k: number of folds; None: by the rule above.
         seed: seed of the groups.
+
+    Returns:
+        One split for each fold; its name lists the sessions that it holds out.
 
     Raises:
         InputError: there are fewer than two sessions, or fewer sessions than folds.
@@ -202,6 +217,9 @@ def thesis_split(dataset: Dataset, samples: int, seed: int = 0) -> Split:
         dataset: the dataset.
         samples: number of frames; the thesis has 220 for method 1 and 615 for method 2.
         seed: seed of both draws.
+
+    Returns:
+        Indices of the drawn rows of both parts.
 
     Raises:
         InputError: there are fewer frames.

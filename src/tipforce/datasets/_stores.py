@@ -56,12 +56,12 @@ class ImageFiles(_RowByRow):
     checksums: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
-        """Whether each of ``rows`` has a mask file."""
+        """Returns whether each row has a mask file; see `HasMasks.has_masks`."""
         paths = self.mask_paths.get(view)
         return paths is not None and all(paths[row].is_file() for row in rows.tolist())
 
     def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:
-        """Yields the mask (h, w) of each of ``rows``, not 0 on the catheter; None without a mask file."""
+        """Yields the mask of each row, None where it has no mask file; see `HasMasks.masks`."""
         paths = self.mask_paths.get(view)
         for row in rows.tolist():
             yield None if paths is None or not paths[row].is_file() else read_image(paths[row])

@@ -20,7 +20,12 @@ Progress = Callable[[str, float], None]
 
 
 def no_progress(task: str, share: float) -> None:
-    """A `Progress` that ignores its calls."""
+    """Ignores its calls; a `Progress` for work that nobody watches.
+
+    Args:
+        task: the current work.
+        share: its finished share, 0 to 1.
+    """
     del task, share
 
 
@@ -141,6 +146,9 @@ class Estimator(ABC):
             values: the JSON values of `state`.
             arrays: the arrays of `state`.
             files: the files of `files`.
+
+        Returns:
+            The fitted method.
         """
         del values, arrays, files
         return cls(cls.settings_type.model_validate(settings))

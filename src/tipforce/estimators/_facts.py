@@ -52,6 +52,10 @@ class ModelFacts(BaseModel, frozen=True):
 def count_of(number: int, noun: str) -> str:
     """Returns a number of things in words.
 
+    Args:
+        number: the number.
+        noun: singular of the thing; its plural ends in s.
+
     >>> count_of(1, "session"), count_of(2, "session")
     ('1 session', '2 sessions')
     """

@@ -56,6 +56,9 @@ def train(
         calibrate: separate sessions on which the intervals are found.
         progress: called with the current work and its finished share.
 
+    Returns:
+        The fitted method, its samples, and its errors on the held-out samples.
+
     Raises:
         InputError: as `random_subset`, `random_split`, `Estimator.fit` and `Estimator.calibrate` raise it; ``start`` is
             of another method, or ``calibrate`` has sessions of ``dataset`` or other forces.

@@ -46,7 +46,13 @@ def read_view(observation: Observation, view: str, setting: str) -> View | Abste
 
 
 def read_image(observation: Observation, view: str, setting: str) -> Image | Abstention:
-    """Returns the image of ``view``, which ``setting`` names, or an abstention where there are only shape features."""
+    """Returns the image of a view, or an abstention where there are only shape features.
+
+    Args:
+        observation: the sample.
+        view: name of the view.
+        setting: the setting that names it, for the abstention.
+    """
     found = read_view(observation, view, setting)
     if isinstance(found, ShapeFeatures):
         return Abstention(Status.MISSING_INPUT, "this method needs images; these data are shape features")
@@ -54,7 +60,15 @@ def read_image(observation: Observation, view: str, setting: str) -> Image | Abs
 
 
 def read_actuation(observation: Observation, names: Sequence[str]) -> FloatArray | Abstention:
-    """Returns the actuation values (len(names),) that a model was trained with."""
+    """Returns the actuation values that a model was trained with.
+
+    Args:
+        observation: the sample.
+        names: names of the k values.
+
+    Returns:
+        (k,) values; an abstention where one is absent.
+    """
     row = np.empty(len(names))
     for place, name in enumerate(names):
         value = observation.actuation.get(name)

@@ -49,7 +49,14 @@ def stored_array(
 def stored_number(
     arrays: Mapping[str, npt.NDArray[Any]], name: str, *, low: float = -LARGEST, high: float = LARGEST
 ) -> float:
-    """Returns a single number of a stored model. Parameters and errors are those of `stored_array`."""
+    """Returns a single number of a stored model; errors are those of `stored_array`.
+
+    Args:
+        arrays: all arrays by name.
+        name: name of the number.
+        low: smallest value.
+        high: largest value.
+    """
     return float(stored_array(arrays, name, (), low=low, high=high))
 
 

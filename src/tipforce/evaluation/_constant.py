@@ -41,7 +41,7 @@ class Constant(Estimator):
         self.estimate_: ForceEstimate | None = None
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Takes the means of the labels of ``dataset``.
+        """Takes the means of the labels; see `Estimator.fit`.
 
         Raises:
             InputError: ``dataset`` has no samples.
@@ -66,7 +66,7 @@ class Constant(Estimator):
         return self.calibrate(dataset)
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Takes the quantiles of the labels of ``dataset``.
+        """Takes the quantiles of the labels; see `Estimator.calibrate`.
 
         Raises:
             NotFittedError: `fit` was not called.
@@ -84,7 +84,7 @@ class Constant(Estimator):
         return self
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:  # noqa: ARG002 - always the same
-        """Starts a stream that gives the same estimate every time."""
+        """Starts a stream that gives the same estimate every time; see `Estimator.start`."""
         if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
         return _ConstantStream(self.estimate_)
@@ -94,7 +94,7 @@ class Constant(Estimator):
         dataset: Dataset,
         progress: Callable[[float], None] | None = None,  # noqa: ARG002 - it takes no time
     ) -> list[ForceEstimate]:
-        """Returns the same estimate for each sample, without reading an image."""
+        """Returns the same estimate for each sample, without reading an image; see `Estimator.predict`."""
         if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
         return [replace(self.estimate_, stamp_ns=stamp) for stamp in dataset.stamp_ns.tolist()]
@@ -125,7 +125,7 @@ class Constant(Estimator):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
-        """Makes a fitted predictor from the result of `state`."""
+        """Makes a fitted predictor from the result of `state`; see `Estimator.from_state`."""
         made = cls(_NoSettings.model_validate(dict(settings)))
         made.estimate_ = ForceEstimate(
             stamp_ns=0,

@@ -91,7 +91,12 @@ class Evaluation:
     perturbed: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict[str, Any], repr=False)
 
     def result(self, method: str, protocol: str) -> MethodResult | None:
-        """Returns the result of one method under one protocol; None where there is none."""
+        """Returns the result of one method under one protocol; None where there is none.
+
+        Args:
+            method: Label of the method.
+            protocol: Name of the protocol.
+        """
         return next((each for each in self.results if (each.method, each.protocol) == (method, protocol)), None)
 
     @property

@@ -77,9 +77,15 @@ class KeptFits:
     def fit_elsewhere(
         self, jobs: Sequence[tuple[Method, Split]], dataset: Dataset, executor: Executor, progress: Progress
     ) -> None:
-        """Fits the missing models on ``executor``, so that `fit` only has to load them; does nothing without a folder.
+        """Fits the missing models, so that `fit` only has to load them; does nothing without a folder.
 
-        A method that raises is passed over: `fit` raises its error again in its place.
+        A method that raises is left out: `fit` raises its error again.
+
+        Args:
+            jobs: Method and split of each fit.
+            dataset: The samples that the splits index.
+            executor: Runs the fits.
+            progress: Called with the current work and its finished share.
         """
         if self.folder is None:
             return

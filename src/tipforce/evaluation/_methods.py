@@ -59,6 +59,9 @@ def methods_from(
         settings: Method -> its settings; default settings where absent. A saved model keeps its own.
         init_from: Model whose weights the named methods start from in every split; they must be networks of its kind.
 
+    Returns:
+        The methods in the order of ``models``. Labels are names of folders, or whole paths where two names are equal.
+
     Raises:
         InputError: A name is neither a model nor a method.
         ModelError: A folder holds no whole model.

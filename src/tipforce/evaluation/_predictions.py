@@ -110,6 +110,9 @@ def collect(
         index: (m,) indices of the samples in ``dataset``.
         estimates: One estimate for each of ``index``.
         contact: (len(dataset),) True where the tip is in contact.
+
+    Returns:
+        Estimates and references of the m samples.
     """
     chosen = dataset.subset(index)
     shapes = np.empty(len(index), np.object_)
@@ -160,7 +163,15 @@ def with_reference(predictions: Predictions, truth_n: FloatArray) -> Predictions
 
 
 def in_contact(dataset: Dataset, truth_n: FloatArray | None) -> BoolArray:
-    """(n,): True where the force is above `CONTACT_N`: the true force where it is known, else the sensor's."""
+    """Finds the samples in contact: those whose force is above `CONTACT_N`.
+
+    Args:
+        dataset: n samples with the sensor's force.
+        truth_n: (n, 3) true force in newtons, NaN where it is unknown; None: the sensor's force counts.
+
+    Returns:
+        (n,), True in contact.
+    """
     if truth_n is None:
         return dataset.magnitude_n > CONTACT_N
     magnitude = np.sqrt(np.sum(truth_n[:, dataset.known] ** 2, axis=1))

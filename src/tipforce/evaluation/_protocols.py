@@ -172,7 +172,16 @@ class ScoredData:
     def result(
         self, predictions: Predictions, constant: Predictions | None, fits: Sequence[FittedSplit] = ()
     ) -> MethodResult:
-        """Scores predictions against the sensor and, where they are known, the true force and the bounds."""
+        """Scores predictions against the sensor and, where they are known, the true force and the bounds.
+
+        Args:
+            predictions: Predictions of one method under one protocol.
+            constant: Predictions of the constant predictor for the same samples, or None.
+            fits: The splits with their fitted methods, for the report.
+
+        Returns:
+            The predictions with their metrics and the ratios of the errors to the bounds.
+        """
         angle = None if self.bounds is None else self.bounds.contact_angle_deg
         if angle is not None and not np.isfinite(angle).any():
             angle = None
@@ -196,7 +205,15 @@ class ScoredData:
 
 
 def index_in(everything: Dataset, part: Dataset) -> IntArray:
-    """(len(part),): index in ``everything`` of each sample of ``part``, which was drawn from it."""
+    """Finds the samples of a part in the dataset from which it was drawn.
+
+    Args:
+        everything: The dataset.
+        part: m samples of it.
+
+    Returns:
+        (m,) indices in ``everything``.
+    """
     index = {row: position for position, row in enumerate(everything.rows.tolist())}
     return np.array([index[row] for row in part.rows.tolist()], dtype=np.int64)
 
@@ -251,9 +268,12 @@ def run_saved(method: Method, data: ScoredData, notes: list[str]) -> MethodResul
     """Scores a saved model as it is on the sessions that it was not trained on.
 
     Args:
-        method: The method; None is returned unless it has a saved model.
+        method: The method.
         data: The samples.
         notes: Gets a sentence on the sessions that were left out, and why.
+
+    Returns:
+        The result; None where the method has no saved model, or was trained on all sessions.
     """
     if method.saved is None:
         return None
@@ -325,7 +345,15 @@ def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str
 
 
 def fine_tuning_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:
-    """A sentence for each method that is fine-tuned from weights trained on sessions of ``dataset``."""
+    """Notes the methods whose initial weights were trained on sessions of the evaluated data.
+
+    Args:
+        methods: The evaluated methods.
+        dataset: The evaluated data.
+
+    Returns:
+        One sentence for each such method.
+    """
     found = {method.label: _trained_on(method, dataset) for method in methods if method.saved is None}
     return [
         f"{label} is fine-tuned from weights that were trained on {len(seen)} of {len(dataset.sessions)} sessions of "

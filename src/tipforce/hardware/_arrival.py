@@ -70,11 +70,14 @@ class ArrivalWait:
         self._map = ArrivalClock(LATE_NS)
 
     def wait_ns(self, asked_ns: int, arrival_ns: int) -> int:
-        """Adds the next image; returns the longest time for which it may have waited, ns.
+        """Adds the next image.
 
         Args:
             asked_ns: time at which the driver began to wait for it, on the clock of the host.
             arrival_ns: time of its arrival.
+
+        Returns:
+            The longest time for which it may have waited, ns.
         """
         last_ns, self._last_ns = self._last_ns, arrival_ns
         if last_ns is None:

@@ -142,12 +142,15 @@ def _refuse_strangers(where: str, key: str, values: Mapping[str, Any], known: tu
 
 
 def open_bench(path: Path | str, *, newest_only: bool = False, clock: Clock | None = None) -> HardwareSource:
-    """Opens the devices in ``bench.toml`` as a source of their events, not yet entered.
+    """Opens the devices in ``bench.toml`` as one source.
 
     Args:
         path: the ``bench.toml``; its other tables become the session's metadata.
         newest_only: see `HardwareSource`.
         clock: see `HardwareSource`.
+
+    Returns:
+        The source of their events, not yet entered.
 
     Raises:
         FileFormatError, InputError: see `read_devices`; also where the bench has no device.

@@ -69,6 +69,9 @@ def pack_image(stamp_ns: int, frame: str, encoding: str, data: bytes) -> bytes:
         frame: frame of reference of the header.
         encoding: "jpeg" or "png".
         data: the compressed image.
+
+    Returns:
+        The serialised message (CDR).
     """
     head = _padded(_header(stamp_ns, frame), 4) + _string(encoding)
     return b"".join((_padded(head, 4), struct.pack("<I", len(data)), data))
@@ -82,12 +85,23 @@ def pack_wrench(stamp_ns: int, frame: str, force_n: FloatArray, torque_nm: Float
         frame: frame of reference of the header.
         force_n: (3,) force, N.
         torque_nm: (3,) torque, N m.
+
+    Returns:
+        The serialised message (CDR).
     """
     return _padded(_header(stamp_ns, frame), 8) + struct.pack("<6d", *force_n, *torque_nm)
 
 
 def pack_joints(stamp_ns: int, values: Mapping[str, float]) -> bytes:
-    """Packs a JointState. Each name ends in its unit, and ``position`` holds the value in that unit."""
+    """Packs a JointState.
+
+    Args:
+        stamp_ns: stamp of the header.
+        values: readings by name. Each name ends in its unit, and ``position`` holds the value in that unit.
+
+    Returns:
+        The serialised message (CDR).
+    """
     raw = _padded(_header(stamp_ns, ""), 4) + struct.pack("<I", len(values))
     for name in values:
         raw = _padded(raw, 4) + _string(name)
@@ -104,6 +118,9 @@ def pack_estimate(stamp_ns: int, estimate: ForceEstimate, frame: str = "base") -
         stamp_ns: stamp of the header.
         estimate: the estimate; ``interval_n`` is packed as low, high of x, then of y and z.
         frame: frame of reference of the header.
+
+    Returns:
+        The serialised message (CDR).
     """
     raw = _padded(_header(stamp_ns, frame), 4) + _string(estimate.status.value)
     raw = _padded(raw, 4) + _string(estimate.detail) + struct.pack("<3?", *estimate.known)

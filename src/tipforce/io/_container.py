@@ -106,15 +106,16 @@ def is_foreign(path: Path) -> bool:
 
 
 def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:
-    """Whether all bytes before the index, except the content of the chunks, are as they were written.
-
-    The result is True where it cannot be determined: without the checksum of the data section, and where chunks are
-    compressed.
+    """Checks that all bytes before the index, except the content of the chunks, are as they were written.
 
     Args:
         stream: the file.
         summary: its index.
         start: position of the index, bytes.
+
+    Returns:
+        False where a byte differs. True also where it cannot be determined: without the checksum of the data section,
+        and where chunks are compressed.
     """
     stream.seek(start - _DATA_END.size)
     opcode, length, stated = _DATA_END.unpack(stream.read(_DATA_END.size))
@@ -239,7 +240,18 @@ class Container:
         return data
 
     def chunk_entries(self, number: int, channel: int) -> tuple[IntArray, IntArray]:
-        """Returns times and offsets of a channel's messages in one chunk, in the order in which they were written."""
+        """Returns times and offsets of a channel's messages in one chunk, in the order in which they were written.
+
+        Args:
+            number: number of the chunk, from 0.
+            channel: id of the channel.
+
+        Returns:
+            (n,) times in ns and (n,) offsets of the records in the uncompressed chunk in bytes.
+
+        Raises:
+            FileFormatError: the index of the chunk's messages is damaged.
+        """
         place = self.chunks[number].message_index_offsets.get(channel)
         if place is None:
             return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -294,7 +306,17 @@ class Container:
         return lengths
 
     def payload(self, number: int, channel: int, time_ns: int, offset: int) -> memoryview:
-        """Returns the message of ``channel`` at ``time_ns`` with the record at ``offset`` of the chunk ``number``."""
+        """Returns the content of one message.
+
+        Args:
+            number: number of the chunk, from 0.
+            channel: id of the channel.
+            time_ns: time of the message.
+            offset: position of its record in the uncompressed chunk, bytes.
+
+        Raises:
+            FileFormatError: the chunk or the record is damaged.
+        """
         data = self.chunk_data(number)
         (length,) = self.message_lengths(number, channel, np.array([time_ns]), np.array([offset])).tolist()
         return memoryview(data)[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + length]

@@ -265,7 +265,19 @@ def session_record(info: SessionInfo) -> dict[str, str]:
 
 
 def session_from(record: Mapping[str, str], where: str) -> SessionInfo:
-    """Inverts `session_record`; nothing is known without a record. Raises InputError."""
+    """Inverts `session_record`.
+
+    Args:
+        record: the metadata record.
+        where: the file, for the message.
+
+    Returns:
+        The session's metadata; nothing is known in it without a record.
+
+    Raises:
+        FileFormatError: the record is no JSON object.
+        InputError: a value has another type or range.
+    """
     if "json" not in record:
         return SessionInfo()
     values = parse_json(record["json"], f"{where}: session metadata", _REMEDY)
@@ -282,6 +294,9 @@ def fact_from(kind: Callable[[Mapping[str, str]], _T], record: Mapping[str, str]
         record: the metadata record.
         name: its name, for the message.
         where: the file, for the message.
+
+    Returns:
+        The fact that ``kind`` made.
 
     Raises:
         FileFormatError: a value is missing or has another type or range.

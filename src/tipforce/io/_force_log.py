@@ -74,6 +74,10 @@ def read_force_log(path: Path, info: ForceLogInfo | None = None, knob_column: st
         info: description of the log in ``bench.toml``, section ``sensor.log``.
         knob_column: the column with the knob's angle.
 
+    Returns:
+        Stamps, forces in newtons on the sensor's axes and, where it is read, the knob's angle; remarks state the
+        choices.
+
     Raises:
         FileFormatError: the file is no table.
         TableError: columns or units are not clear, or a cell holds no reading; the message names line and column.
@@ -128,6 +132,9 @@ def read_drive_log(path: Path, info: LogInfo | None = None, key: str = "actuatio
         path: a text table, a workbook (.xlsx) or variables of MATLAB (.mat).
         info: description of the log in ``bench.toml``.
         key: the section of ``info``: "actuation.log", or "stage.log".
+
+    Returns:
+        Stamps and the readings of each column by its name.
 
     Raises:
         FileFormatError, TableError, TimeError: see `read_force_log`.

@@ -67,7 +67,15 @@ def check_pixels(width: int, height: int, where: str) -> None:
 
 
 def check_encoded(data: bytes | memoryview, where: str) -> None:
-    """Raises FileFormatError where ``data`` is in none of the formats of `encoded_size`, or has too many pixels."""
+    """Checks format and size of an encoded image before it is decoded.
+
+    Args:
+        data: the encoded image.
+        where: the file and the frame, for the message.
+
+    Raises:
+        FileFormatError: the image is in none of the formats of `encoded_size`, or has too many pixels.
+    """
     size = encoded_size(data)
     if size is None:
         raise FileFormatError(f"{where}: the image is missing, empty or damaged; expected PNG, JPEG, TIFF, BMP or WebP")

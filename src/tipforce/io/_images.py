@@ -190,7 +190,16 @@ def encode_image(image: Image, *, lossless: bool, jpeg_quality: int) -> tuple[st
 
 
 def save_image(path: Path, drawing: "Image | Figure") -> None:
-    """Writes ``path`` (.png, .jpg) completely or not at all. Raises FileFormatError for another kind of file."""
+    """Writes an image completely or not at all.
+
+    Args:
+        path: the file, .png or .jpg.
+        drawing: (h, w) grey or (h, w, 3) RGB, uint8; or a figure.
+
+    Raises:
+        FileFormatError: the name ends otherwise.
+        OutputError: nothing can be written in the folder.
+    """
     check_image_target(path)
     suffix = path.suffix.lower()
     if isinstance(drawing, np.ndarray):
@@ -203,7 +212,16 @@ def save_image(path: Path, drawing: "Image | Figure") -> None:
 
 
 def check_image_target(path: Path, *, plot: bool = False) -> None:
-    """Raises FileFormatError where `save_image` (or a plot) cannot write ``path``: a check before the work."""
+    """Checks, before the work, that an image can be written.
+
+    Args:
+        path: the file that is to be written.
+        plot: whether a plot is written (.png or .svg) rather than an image (.png or .jpg).
+
+    Raises:
+        FileFormatError: the name ends otherwise.
+        OutputError: nothing can be written in the folder.
+    """
     if path.suffix.lower() not in ((".png", ".svg") if plot else (".png", ".jpg", ".jpeg")):
         allowed = "plots are written as .png or .svg" if plot else "images are written as .png or .jpg"
         raise FileFormatError(f"{path}: {allowed}; name it {path.with_suffix('.png').name}")

@@ -98,6 +98,9 @@ def stream_info(name: str, topic: str, kind: str, times_ns: IntArray) -> StreamI
         topic: its ROS topic.
         kind: see `StreamInfo`.
         times_ns: (n,) sorted stamps.
+
+    Returns:
+        The stream with its mean rate in Hz; ``dropped`` counts the messages that are missing between regular ones.
     """
     if len(times_ns) < 2:
         first = int(times_ns[0]) if len(times_ns) else 0
@@ -231,7 +234,12 @@ class RecordingReader(ClosedAtExit):
             ) from None
 
     def frame_at(self, index: int, stream: str = "camera") -> Frame:
-        """Returns the image number ``index`` of ``stream``; only its chunk is read."""
+        """Returns one image; only its chunk is read.
+
+        Args:
+            index: number of the frame in its stream, from 0.
+            stream: name of the view.
+        """
         entries = self._of(stream)
         data = self._image_at(stream, *(int(each[index]) for each in (entries.chunk, entries.time_ns, entries.offset)))
         image = decode_image(data, f"{self.path}, frame {index}", self._depth(stream))

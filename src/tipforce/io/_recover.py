@@ -35,9 +35,14 @@ def finished_of(part: Path) -> Path:
 
 
 def lock(stream: IO[bytes], path: Path) -> None:
-    """Holds ``path`` for this process until it ends, so that no other process recovers an unfinished recording.
+    """Holds a file for this process until it ends, so that no other process recovers an unfinished recording.
 
-    Raises FileFormatError where another process holds it.
+    Args:
+        stream: the open file.
+        path: its path, for the message.
+
+    Raises:
+        FileFormatError: another process holds it.
     """
     try:
         fcntl = importlib.import_module("fcntl")

@@ -145,7 +145,12 @@ def open_source(
 
 
 def frame_count(source: Source, view: str = "camera") -> int:
-    """Returns the number of frames of ``view`` that the file states; 0 where it states none."""
+    """Returns the number of frames that the file states; 0 where it states none.
+
+    Args:
+        source: the open source.
+        view: name of the view.
+    """
     if isinstance(source, RecordingReader):
         stream = source.info.streams.get(view)
         return stream.count if stream else 0
@@ -189,7 +194,12 @@ def spread_rows(count: int) -> IntArray:
 
 
 def spread_images(source: Source, view: str = "camera") -> list[Image]:
-    """Returns the images of a file at `spread_rows`, or of its first seconds where it does not state its length."""
+    """Returns the images of a file at `spread_rows`, or of its first seconds where it does not state its length.
+
+    Args:
+        source: the open file.
+        view: name of the view.
+    """
     reader = source.reader if isinstance(source, _Stated) else source
     if isinstance(reader, RecordingReader):
         rows = spread_rows(frame_count(reader, view)).tolist()
@@ -208,6 +218,10 @@ def images_beforehand(source: Source, view: str = "camera") -> list[Image]:
     """Returns the images of a file that resolve its detection: those of `spread_images`.
 
     There are none where the clamp is advanced, because the images then show the catheter at different positions.
+
+    Args:
+        source: the open file.
+        view: name of the view.
     """
     return [] if any_reading(source, ADVANCE) else spread_images(source, view)
 
@@ -217,7 +231,12 @@ MAX_STEADY_VARIATION = 0.1
 
 
 def steady_reading(source: Source, name: str) -> float | None:
-    """Returns the mean reading of the drive ``name`` if it is constant in a file; None if it moves or is unknown."""
+    """Returns the mean reading of a drive that is constant in a file; None if it moves or is unknown.
+
+    Args:
+        source: the open source.
+        name: name of the drive with its unit, such as "knob_deg"; the result has this unit.
+    """
     values = _read_of(source, name)
     if not len(values) or float(np.ptp(values)) > MAX_STEADY_VARIATION * abs(float(values.mean())):
         return None
@@ -225,7 +244,12 @@ def steady_reading(source: Source, name: str) -> float | None:
 
 
 def any_reading(source: Source, name: str) -> bool:
-    """Whether the drive ``name`` of a file has a reading other than 0."""
+    """Returns whether a drive of a file has a reading other than 0.
+
+    Args:
+        source: the open source.
+        name: name of the drive with its unit.
+    """
     return bool(_read_of(source, name).any())
 
 
@@ -236,9 +260,14 @@ def _read_of(source: Source, name: str) -> FloatArray:
 
 
 def require_actuation(source: Source, names: Iterable[str]) -> None:
-    """Raises InputError where a file has no reading of one of ``names``: a check before the work.
+    """Checks, before the work, that a file has readings of the drives that a model needs. A live source is not checked.
 
-    A live source is not checked.
+    Args:
+        source: the open source.
+        names: names of the drives with their units.
+
+    Raises:
+        InputError: there is no reading of a drive; the message has the lines of ``bench.toml`` that state a constant.
     """
     if isinstance(source, RecordingReader):
         path, lacking = source.path, _never_read(source, names)

@@ -158,7 +158,12 @@ class RecordingWriter:
         self.note(record_name(fact), fact.record())
 
     def note(self, name: str, record: dict[str, str]) -> None:
-        """Writes a metadata record of any name; the last one of a name holds."""
+        """Writes a metadata record; the last one of a name holds.
+
+        Args:
+            name: any name.
+            record: its values as text.
+        """
         with self._lock, self._keeping_whole_records():
             self._mcap.add_metadata(name, record)
             self._stream.flush()

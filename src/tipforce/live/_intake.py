@@ -86,7 +86,12 @@ class Intake:
         self._stamps: dict[str, int] = {}
 
     def add(self, event: Event, now_ns: int) -> None:
-        """Adds an event that arrives at ``now_ns`` on the engine's clock."""
+        """Adds an event.
+
+        Args:
+            event: an image, or readings of the drives; other events are ignored.
+            now_ns: time of its arrival on the engine's clock.
+        """
         if isinstance(event, Frame):
             self._add_frame(event, now_ns)
         elif isinstance(event, Actuation) and event.stream != STAGE:

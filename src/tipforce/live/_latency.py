@@ -35,7 +35,12 @@ class RecentDelays:
         self._found = (float("nan"), float("nan"))
 
     def add(self, now_ns: int, delay_s: float) -> None:
-        """Adds one delay."""
+        """Adds one delay.
+
+        Args:
+            now_ns: present time on the engine's clock.
+            delay_s: the delay, s.
+        """
         row = self._count % len(self._at_ns)
         self._at_ns[row], self._delay_s[row] = now_ns, delay_s
         self._count += 1

@@ -4,7 +4,14 @@ import math
 
 
 def number(value: float, digits: int = 5) -> float | None:
-    """Returns ``value`` rounded to ``digits`` decimals, or None if it is not finite.
+    """Rounds a number for JSON, which has no NaN and no infinity.
+
+    Args:
+        value: the number, in any unit.
+        digits: number of decimals.
+
+    Returns:
+        The rounded number, or None if ``value`` is not finite.
 
     >>> number(0.1234567), number(float("nan"))
     (0.12346, None)

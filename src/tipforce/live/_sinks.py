@@ -19,7 +19,12 @@ class Sink(Protocol):
     """True: a bounded queue, in order. False: only the newest update."""
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Starts the sink; called before the first update, and again after an error."""
+        """Starts the sink; called before the first update, and again after an error.
+
+        Args:
+            info: metadata of the session.
+            model: name of the model.
+        """
         ...
 
     def put(self, update: LiveUpdate) -> None:

@@ -57,6 +57,9 @@ class ZeroButton:
             by: name of the person or page that pressed the button.
             confirmed_n: the magnitude that a person agreed to subtract although the tip may be in contact.
 
+        Returns:
+            The new zero: the subtracted force, who pressed the button and when.
+
         Raises:
             InputError: too few estimates were valid, or they are too large to be an error of the zero.
             ZeroInContactError: the tip may be in contact, and this magnitude was not confirmed.
@@ -99,7 +102,15 @@ class ZeroButton:
         return max(stated) < MAX_CONTACT_PROBABILITY
 
     def apply(self, estimate: ForceEstimate, now_ns: int) -> ForceEstimate:
-        """Keeps an estimate of the method, and returns it with the zero subtracted."""
+        """Keeps an estimate of the method for the next zero, and subtracts the present zero from it.
+
+        Args:
+            estimate: the estimate of the method.
+            now_ns: present time on the engine's clock.
+
+        Returns:
+            The estimate without the zero. Its intervals span the force with and without it.
+        """
         if not estimate.valid:
             return self._widened(estimate)
         self._recent.append((now_ns, estimate))

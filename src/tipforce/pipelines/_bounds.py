@@ -11,7 +11,16 @@ if TYPE_CHECKING:
 
 
 def bounds_from(dataset: "Dataset", folder: Path, progress: Callable[[str, float], None]) -> "CramerRaoBounds":
-    """Returns the bounds of the sessions of ``dataset`` with truth under ``folder``, or notes on why they have none."""
+    """Collects the Cramer-Rao bounds of simulated sessions.
+
+    Args:
+        dataset: n samples.
+        folder: the folder of the sessions' truth, files NAME.truth.npz at any depth.
+        progress: called with the current work and its finished share.
+
+    Returns:
+        The bounds of the samples, NaN where there is none, with notes on the reasons.
+    """
     import numpy as np
 
     from ..evaluation import CramerRaoBounds, bound_at

@@ -53,9 +53,14 @@ class CalibrateReport:
         return tuple(each for each in self.quantities if each.key and each.written and each.known)
 
     def bench_text(self, text: str | None = None, where: str = "bench.toml") -> str:
-        """Returns ``text`` of a ``bench.toml`` with the found values and comments; None: of the recordings' metadata.
+        """Returns the text of a ``bench.toml`` with the found values, each with a comment.
 
-        Raises InputError where it cannot be edited.
+        Args:
+            text: the text that is changed; None: that of the recordings' metadata.
+            where: its file, for messages.
+
+        Raises:
+            InputError: ``text`` cannot be edited.
         """
         source = ", ".join(self.sources[:3]) + (f" and {len(self.sources) - 3} more" if len(self.sources) > 3 else "")
         values: dict[str, tuple[Any, str]] = {}
@@ -229,9 +234,16 @@ def describe_calibration(report: CalibrateReport) -> list[str]:
 
 
 def plot_calibration(report: CalibrateReport, path: Path | str) -> None:
-    """Map of the knob, forces of sensor and rod, and the tissue's law, as a PNG or SVG.
+    """Plots the map of the knob, the forces of sensor and rod, and the tissue's law.
 
-    Raises InputError without recordings, FileFormatError where the file's kind or folder is none.
+    Args:
+        report: the report of a calibration from recordings.
+        path: the file, .png or .svg.
+
+    Raises:
+        InputError: the report has no recordings.
+        FileFormatError: the name ends otherwise.
+        OutputError: nothing can be written in the folder.
     """
     from ._calibrate_plot import draw_calibration  # matplotlib takes a third of a second to load
 

@@ -12,7 +12,12 @@ from ._plot import COLOURS, GREY, INK, plain_axes
 
 
 def draw_calibration(calibration: Calibration, path: Path) -> None:
-    """Three panels, of all sessions; an empty one says why."""
+    """Draws three panels of all sessions: knob, forces, tissue. An empty panel states why.
+
+    Args:
+        calibration: the fitted constants and the data of each session.
+        path: the file, .png or .svg.
+    """
     check_image_target(path, plot=True)
     figure = Figure(figsize=(12.0, 4.0), dpi=110, layout="constrained")
     for axes, draw in zip(figure.subplots(1, 3), (_knob, _forces, _tissue), strict=True):

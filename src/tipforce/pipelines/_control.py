@@ -39,10 +39,18 @@ ESTIMATE_S = 10e-3
 
 
 def bench_of_regime(settings: AnySimulationSettings, regime: Regime, seconds: float) -> AnySimulationSettings:
-    """The bench of ``settings`` with the wall's motion, the drive and the camera of the closed-loop benchmark.
+    """Gives a bench the wall's motion, the drive and the camera of the closed-loop benchmark.
 
     Wall 4 mm at 1.2 Hz and breath 2 mm at 0.25 Hz along its normal; advance at most 30 mm/s, 20 ms late; camera 30 Hz,
     40 ms late. All else is the preset's: tissue, friction, lateral motion, play and drift of the knob, light.
+
+    Args:
+        settings: settings of the preset.
+        regime: name of the contact regime in `REGIMES`, which sets the contact angle.
+        seconds: duration of the control, s.
+
+    Returns:
+        The changed settings; their session also contains the time before the control.
     """
     world = settings.world
     motion = {
@@ -76,7 +84,12 @@ def bench_of_regime(settings: AnySimulationSettings, regime: Regime, seconds: fl
 
 
 def path_of_drives(drives: Drives, home_mm: float) -> Path:
-    """Returns the path of the closed-loop benchmark, about the first position of the clamp."""
+    """Returns the path of the closed-loop benchmark.
+
+    Args:
+        drives: the drives that move along it.
+        home_mm: first position of the clamp, about which the advance moves.
+    """
     start, goal = dict[str, float](), dict[str, float]()
     if drives != "knob":
         start[ADVANCE], goal[ADVANCE] = home_mm - MAX_BACK_MM, home_mm + MAX_ADVANCE_MM
@@ -322,7 +335,17 @@ class ControlSession:
 def live_bench(
     feedback: Estimator | Literal["truth"], settings: AnySimulationSettings, seed: int = 0, session: int = 0
 ) -> LiveSimulation:
-    """The bench for `ControlSession`; ``settings`` as of `bench_of_regime`. Images are drawn for an estimator only."""
+    """Makes the simulated bench for a `ControlSession`.
+
+    Args:
+        feedback: an estimator, for which images are drawn; or "truth", without images.
+        settings: the bench, as `bench_of_regime` returns it.
+        seed: seed of the bench.
+        session: number of the session.
+
+    Returns:
+        The bench, not yet entered.
+    """
     return LiveSimulation(settings, seed, session, images=not isinstance(feedback, str))
 
 
@@ -335,7 +358,19 @@ def run_control(
     seconds: float = math.inf,
     spoil: Callable[[ForceEstimate], ForceEstimate] | None = None,
 ) -> ControlRun:
-    """A `ControlSession` from its beginning to its end, without a recording."""
+    """Runs a `ControlSession` from its beginning to its end, without a recording.
+
+    Args:
+        feedback: an estimator, or "truth" for comparison.
+        simulation: the bench of `live_bench`.
+        control: target, controller, limits.
+        drives: the drives that move along the path.
+        seconds: the session ends this time in s after the target was first wanted.
+        spoil: changes each estimate on its way to the loop.
+
+    Returns:
+        The finished run with its true forces.
+    """
     with ControlSession(feedback, simulation, control, drives, seconds=seconds, spoil=spoil) as session:
         for _ in session.events():
             pass

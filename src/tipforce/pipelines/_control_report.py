@@ -119,7 +119,15 @@ _POINTS = 3000
 
 
 def plot_control(run: ControlRun, title: str) -> str:
-    """An SVG document: force above, place on the path below, over the states of the run."""
+    """Plots the force above the position on the path, over the states of the run.
+
+    Args:
+        run: the run.
+        title: title of the figure.
+
+    Returns:
+        The SVG document.
+    """
     every = max(1, len(run.ticks) // _POINTS)
     run = replace(run, ticks=run.ticks[::every], true_n=run.true_n[::every])
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "tipforce", "font.family": "sans-serif"}):

@@ -61,8 +61,11 @@ def demo(
         sessions: number of sessions, at least 3; the last two train nothing.
         seconds: length of each session.
         samples: labelled frames that each model is trained on.
-        seed: of the bench and of all draws.
+        seed: seed of the bench and of all draws.
         say: called with each line.
+
+    Returns:
+        The page of the evaluation, the best model on it, and the time of each step.
 
     Raises:
         TipforceError: a command failed.

@@ -82,7 +82,13 @@ class EstimateReport:
         return self.statuses[Status.VALID]
 
     def add(self, estimate: ForceEstimate, clinical: ClinicalState, seconds: float) -> None:
-        """Count one estimate."""
+        """Counts one estimate.
+
+        Args:
+            estimate: the estimate of a frame.
+            clinical: the clinical state after it.
+            seconds: time that its computation took, s.
+        """
         self.frames += 1
         self.clinical = clinical
         self.statuses[estimate.status.value] += 1
@@ -170,7 +176,21 @@ def session_info_from(bench: SessionInfo | str | Path | None) -> SessionInfo:
 
 
 def source_of(frames: Frames, stated: SessionInfo, actuation: Mapping[str, float], frame_rate_hz: float) -> Source:
-    """``frames`` as a `Source`. Raises InputError where a file cannot be read."""
+    """Opens frames as a `Source`.
+
+    Args:
+        frames: a file or folder, an open source, or images.
+        stated: metadata that replace those of a file.
+        actuation: constant readings of drives by name.
+        frame_rate_hz: rate of images without stamps.
+
+    Returns:
+        The source; an open one is returned as it is.
+
+    Raises:
+        FileFormatError: a file cannot be read.
+        InputError: metadata or readings are stated for an open source, which has its own.
+    """
     if isinstance(frames, str | Path):
         return open_source(frames, actuation=actuation, stated=stated)
     if isinstance(frames, Source):
@@ -183,7 +203,15 @@ def source_of(frames: Frames, stated: SessionInfo, actuation: Mapping[str, float
 
 
 def check_inputs(estimator: Estimator, source: Source) -> None:
-    """Raises InputError where ``source`` lacks readings or metadata that ``estimator`` needs."""
+    """Checks that a source has the readings and the metadata that a method needs.
+
+    Args:
+        estimator: the fitted method.
+        source: an open source.
+
+    Raises:
+        InputError: one is missing; the message names it.
+    """
     require_actuation(source, estimator.required_actuation)
     missing = missing_metadata(estimator.required_metadata, source.session_info)
     if missing:
@@ -191,9 +219,19 @@ def check_inputs(estimator: Estimator, source: Source) -> None:
 
 
 def start_stream(estimator: Estimator, source: Source) -> Stream:
-    """A stream for ``source``; a file shows images from all over it beforehand to a method that calibrates on them.
+    """Starts the stream of a method for a source.
 
-    Raises InputError where the shaft at rest bends against the knob whose reading ``estimator`` uses.
+    A method that resolves its detection on images gets images from all over a file beforehand.
+
+    Args:
+        estimator: the fitted method.
+        source: an open source.
+
+    Returns:
+        The stream.
+
+    Raises:
+        InputError: the shaft at rest bends against the knob whose reading the method uses.
     """
     if not can_be_read_again(source):
         return estimator.start(source.session_info)
@@ -256,9 +294,7 @@ def write_estimates(
     contact: ContactSettings | None = None,
     progress: Progress | None = None,
 ) -> EstimateReport:
-    """Estimates the force on every frame of ``source``; a row of `COLUMNS` each to ``forces``.
-
-    Cells are empty where a value is unknown. Files appear when they are complete, or not at all.
+    """Estimates the force on every frame of a source, and writes one row of `COLUMNS` for each.
 
     Args:
         estimator: a fitted one.
@@ -268,6 +304,9 @@ def write_estimates(
         full_scale_n: force whose arrow is a quarter of the image long.
         contact: force window, limit and threshold of contact; by default `ContactSettings`.
         progress: called with the current step and the share that is done.
+
+    Returns:
+        Counts of frames and statuses, the magnitudes, and the time of each update.
 
     Raises:
         InputError: ``source`` holds no frame, or lacks readings or metadata that ``estimator`` needs.

@@ -89,10 +89,13 @@ def evaluate(
         folds: number of folds of cross-validation.
         perturb: number of samples that are also estimated with perturbed images, spread over all.
         compare: the report also holds the methods side by side over the load, beside sensors in the tip.
-        seed: of drawn samples and splits.
+        seed: seed of drawn samples and splits.
         command: the command that was typed, for the report.
         executor: "local": one fit after the other, here; "ray": side by side on the cluster at RAY_ADDRESS.
         progress: called with the current step and the share that is done.
+
+    Returns:
+        Predictions and scores of each method under each protocol, and the page.
 
     Raises:
         InputError: no method, data or truth that can be used, or options that do not go together.

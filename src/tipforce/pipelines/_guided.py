@@ -185,7 +185,12 @@ class Guide:
 
 
 def missing_for_training(summary: RecordingSummary, guide: Guide | None = None) -> list[str]:
-    """Returns one sentence for each thing that a recording lacks for training; empty: it can be used now."""
+    """Returns one sentence for each thing that a recording lacks for training; empty: it can be used now.
+
+    Args:
+        summary: summary of the recording.
+        guide: the guided run that made it; it states the stretches that are missing.
+    """
     missing = guide.lacking(simulated=summary.session_info.simulated) if guide else []
     info = summary.info
     kinds = {stream.kind for stream in info.streams.values() if stream.count}

@@ -48,7 +48,17 @@ def merged(
     drives: Mapping[str, Readings],
     shift_ns: int,
 ) -> Iterator[Event]:
-    """Yields ``frames`` (with their drives), force readings, ``drives`` by stream; stamps moved by ``shift_ns``."""
+    """Merges images, forces and readings of drives in the order of their stamps.
+
+    Args:
+        frames: images, possibly with readings of drives, in order.
+        force: stamps (n,) in ns and forces (n, 3) in N on the sensor's axes; None: no force.
+        drives: stream -> stamps (m,) in ns and readings by name, (m,) each; NaN is left out.
+        shift_ns: added to every stamp.
+
+    Yields:
+        The events with shifted stamps.
+    """
     wrenches = _Feed(force[0] if force else None)
     feeds = [(stream, _Feed(stamps), values) for stream, (stamps, values) in drives.items()]
 

@@ -45,7 +45,20 @@ class InspectionResult:
 def inspect_image_file(
     path: Path, vision: VisionSettings, features: ShapeFeatureSettings, info: SessionInfo | None = None
 ) -> InspectionResult:
-    """Inspects one image file in detail, with the metadata ``info``. Raises FileFormatError if it is no image."""
+    """Inspects one image file in detail.
+
+    Args:
+        path: the image file.
+        vision: settings of the detection.
+        features: settings of the shape features.
+        info: metadata of the session.
+
+    Returns:
+        The findings as text, figures and drawing.
+
+    Raises:
+        FileFormatError: the file is no image.
+    """
     image = read_image(path)
     detector = SessionDetector(vision, info or SessionInfo(), [image])
     resolved = detector.vision
@@ -66,9 +79,22 @@ def inspect_frames(
     room: int = 12,
     progress: Callable[[str, float], None] | None = None,
 ) -> InspectionResult:
-    """Every ``every``-th frame of a video, a folder or a recording; ``room`` of them are drawn on one contact sheet.
+    """Inspects frames of a video, a folder or a recording, and draws some of them on one contact sheet.
 
-    ``stated``: metadata in place of the file's own. Raises InputError where there is no frame.
+    Args:
+        path: the file or folder.
+        vision: settings of the detection.
+        features: settings of the shape features.
+        stated: metadata that replace those of the file.
+        every: every n-th frame is inspected.
+        room: largest number of frames on the sheet.
+        progress: called with the current frame and the finished share.
+
+    Returns:
+        The findings as text, figures and contact sheet.
+
+    Raises:
+        InputError: there is no frame.
     """
     tally, first = Tally(room), None
     with open_source(path, stated=stated) as source:
@@ -101,9 +127,22 @@ def inspect_sessions(
     progress: Callable[[str, float], None] | None = None,
     total: int = 0,
 ) -> InspectionResult:
-    """Inspects named images, session by session, with the metadata of each and the images that resolve its detection.
+    """Inspects images of several sessions, and draws some of them on one contact sheet.
 
-    ``total``: of the images, for ``progress``. Raises InputError where there is none.
+    Args:
+        sessions: metadata of each session, the images that resolve its detection, and its images by name.
+        vision: settings of the detection.
+        features: settings of the shape features.
+        title: name of the data, for the message.
+        room: largest number of images on the sheet.
+        progress: called with the current image and the finished share.
+        total: number of all images, for ``progress``.
+
+    Returns:
+        The findings as text, figures and contact sheet.
+
+    Raises:
+        InputError: there is no image.
     """
     tally, first = Tally(room), None
     resolved: VisionSettings | ResolvedVision = vision

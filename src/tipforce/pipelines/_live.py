@@ -93,6 +93,9 @@ def open_live_source(
         stated: metadata in place of those that the file, or the bench, holds.
         settings: rate, loop and seed.
 
+    Yields:
+        The source, not yet entered.
+
     Raises:
         InputError: there is no source or more than one, the file cannot be read, the bench has no device, or there is
             no such preset.
@@ -130,9 +133,17 @@ def open_live_source(
 
 
 def simulated_bench(preset: str, settings: LiveRunSettings) -> AnySimulationSettings:
-    """The preset as ``settings`` want it: where a force is held, with the wall and drives of `bench_of_regime`.
+    """Makes the settings of a simulated bench; where a force is held, with wall and drives of `bench_of_regime`.
 
-    Raises InputError where there is no such preset.
+    Args:
+        preset: name of the preset.
+        settings: rate of the camera, and the loop that holds a force.
+
+    Returns:
+        The changed settings of the preset.
+
+    Raises:
+        InputError: there is no such preset.
     """
     changes = {} if settings.rate_hz is None else {"world": {"clock": {"fps": settings.rate_hz}}}
     bench = preset_settings(preset, None, changes)
@@ -259,17 +270,21 @@ def live(
     """Estimates live until the source ends, ``seconds`` have passed, or an exception (as Ctrl-C) ends it.
 
     Args:
-        estimator: a fitted one.
+        estimator: a fitted method.
         source: a source of `open_live_source`, or any that pushes events.
         model: name of the model.
         outputs: other receivers of the estimates, as `tipforce.live.streams.open_sink` has them.
         page: a page that is served already, or where it is to be served; None: no page.
-        settings: of the engine; of a file, failures are not waited for. Where they hold ``hold`` the page gets the
-            panel of a loop that holds a force with the drives of ``source``; nothing moves before it is started there.
-        seconds: at most so long.
+        settings: settings of the engine; of a file, failures are not waited for. Where they hold ``hold`` the page gets
+            the panel of a loop that holds a force with the drives of ``source``; nothing moves before it is started
+            there.
+        seconds: longest duration in s; None: until the source ends.
         on_page: gets the page's address.
         on_update: gets the newest update four times a second.
         on_report: gets the report at the end, also where an exception ends the run.
+
+    Returns:
+        The report of the run.
 
     Raises:
         InputError: readings or metadata that ``estimator`` needs are missing, an output or the page cannot start, or a

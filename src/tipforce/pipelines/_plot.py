@@ -28,7 +28,13 @@ _POINTS = 4000
 
 
 def plot_run(reader: RecordingReader, found: Labels | None, path: Path) -> None:
-    """Three panels: force at the frames, the middle frame of each view, and the intervals between the first's."""
+    """Plots the force at the frames, the middle frame of each view, and the intervals between the first view's frames.
+
+    Args:
+        reader: the open recording.
+        found: forces at the frames; None: there are none.
+        path: the file, .png or .svg.
+    """
     figure = Figure(figsize=(10.5, 3.6), dpi=120, layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(2.6, 1.0), height_ratios=(2.2, 1.0))
     force, image_axes, steps = (figure.add_subplot(grid[place]) for place in ((slice(None), 0), (0, 1), (1, 1)))

@@ -65,7 +65,18 @@ class Ended:
 
 
 def refuse_target(target: Path, *, overwrite: bool, origin: str) -> None:
-    """Raises InputError if ``target`` is no recording's name, FileFormatError if it exists."""
+    """Checks, before the work, that a recording can be written.
+
+    Args:
+        target: its file.
+        overwrite: whether a recording that exists may be replaced.
+        origin: command that writes it, "record" for example.
+
+    Raises:
+        InputError: the name does not end in .mcap.
+        FileFormatError: the file exists and may not be replaced.
+        OutputError: nothing can be written there.
+    """
     if target.suffix != ".mcap":
         raise InputError(f"{target}: a recording ends in .mcap; name it {target.with_suffix('.mcap').name}")
     check_target(target, overwrite=overwrite, origin=origin)
@@ -87,7 +98,7 @@ def record(
     analysis: Analysis = "afterwards",
     ended: Callable[[], Ended] | None = None,
 ) -> RecordingReport:
-    """Write all events of ``source`` to ``target`` (.mcap) as they come; then find clock map, tare and inertia.
+    """Writes all events of a source to a recording as they come; then finds clock map, tare and inertia.
 
     Args:
         source: the source to record; it is entered here.
@@ -98,13 +109,16 @@ def record(
             labels until it is stated.
         vision: how the catheter is detected for the clock map.
         lossless: keep images as PNG.
-        jpeg_quality: of images that are kept as JPEG.
+        jpeg_quality: quality of images that are kept as JPEG, 1 to 100.
         overwrite: replace a recording that is there already.
         clock: `RecordingWriter`'s.
         progress: gets the number of frames so far.
         analysis: "afterwards": the catheter is detected in the images as they are kept, once the source has ended, so
             that nothing keeps the writing waiting; "along": in the images as they came, for a source that waits.
         ended: called when the source has ended.
+
+    Returns:
+        Summary of the recording, and remarks on clock map, tare and inertia.
 
     Raises:
         InputError: ``target`` is no name for a recording, or ``tare`` does not fit the force; the events are
@@ -179,11 +193,25 @@ def write_run(
     status: IntArray | None = None,
     knob: Callable[[ClockMap], Iterable[Event]] | None = None,
 ) -> list[str]:
-    """Write ``events`` and the facts found; returns remarks.
+    """Writes the events of a run and the facts found in them.
 
-    ``names`` of images and force log, where they come from files. ``status`` (n,): status words of the readings, 0
-    without an error. ``knob``: gives the knob's readings that the force log's clock stamped, once its map is known.
     The catheter is detected in the images as they come: for sources that wait, such as files.
+
+    Args:
+        writer: takes events and facts.
+        events: all events, in order.
+        info: metadata of the session.
+        sensor: pose of the force sensor, in place of that in ``info``.
+        tare: see `import_session`.
+        clock: the stated offset of the clocks, or "auto".
+        vision: how the catheter is detected for the clock map.
+        progress: gets the number of frames so far.
+        names: names of images and force log, where they come from files.
+        status: (n,) status words of the force readings, 0 without an error.
+        knob: gives the knob's readings that the force log's clock stamped, once its map is known.
+
+    Returns:
+        Remarks on clock map, tare and inertia.
 
     Raises:
         TimeError: images and force of files do not overlap, or their clock map cannot be determined. Of another source

@@ -128,9 +128,22 @@ class BenchRecording:
         lossless: bool = False,
         overwrite: bool = False,
     ) -> RecordingReport:
-        """Records to ``target`` until the end; see `record` for its errors.
+        """Records until the end.
 
-        With a guide the remarks end with the conditions that are missing for training, or say that none is.
+        With a guide the remarks end with the conditions that are missing for training, or state that none is.
+
+        Args:
+            target: the recording (.mcap).
+            tare: see `import_session`.
+            offset_ms: see `import_session`.
+            lossless: keep images as PNG.
+            overwrite: replace a recording that is there already.
+
+        Returns:
+            The report of `record`.
+
+        Raises:
+            InputError, FileFormatError, TimeError, OutputError: see `record`.
         """
         if self._hardware is not None:
             with self._hardware as source, self._motion(source):

@@ -30,11 +30,11 @@ class SimulateReport:
 def preset_settings(
     preset: str | AnySimulationSettings, seconds: float | None = None, changes: Mapping[str, Any] | None = None
 ) -> AnySimulationSettings:
-    """A preset's settings with changes; one that is changed is none any more, and is called so.
+    """Returns a preset's settings with changes; changed settings get the name "PRESET changed".
 
     Args:
-        preset: its name, or settings, which are taken as they are.
-        seconds: length of each session; else the preset's.
+        preset: its name; settings are returned as they are.
+        seconds: length of each session in s; None: the preset's.
         changes: nested values, as ``{"world": {"wall": {"friction": [0, 0]}}}``.
 
     Raises:
@@ -73,13 +73,16 @@ def simulate(
         output: folder of the result; sessions that exist there are kept.
         preset: bench-2021, generalise, varied, thesis-2021-plain, thesis-2021, fluoro, biplane, guidewire,
             catheter-5f, or settings of one's own.
-        sessions: how many.
-        seconds: length of each; else the preset's.
+        sessions: number of sessions.
+        seconds: length of each in s; None: the preset's.
         seed: the same seed gives the same sessions.
         form: one recording a session; or a folder of video (or DICOM), logs and bench.toml, to be imported.
         lossless: keep every pixel as it is rendered.
         executor: "local": all cores of this machine; "ray": the nodes of the cluster at RAY_ADDRESS.
         progress: called with the current step and the share that is done.
+
+    Returns:
+        The paths of the sessions, their number of frames and the time taken.
 
     Raises:
         InputError: no such preset, or sessions of other settings in ``output``.
@@ -121,10 +124,10 @@ def simulate_dataset(
 
     Args:
         output: the dataset folder; an interrupted run goes on with the same arguments.
-        preset: as for `simulate`.
+        preset: see `simulate`.
         samples: number of images.
         samples_per_session: images of each session.
-        seconds: length of each session; else as many as the samples need.
+        seconds: length of each session in s; None: as long as the samples need.
         seed: the same seed gives the same samples.
         shards: Parquet files instead of a folder of images.
         masks: the true masks of the catheter, too, in masks/.
@@ -132,6 +135,9 @@ def simulate_dataset(
         executor: "local": all cores of this machine; "ray": the nodes of the cluster at RAY_ADDRESS.
         say: called with a line for people, such as a warning about disk space.
         progress: called with the current step and the share that is done.
+
+    Returns:
+        The folder, the numbers of samples and sessions, the views and the time taken.
 
     Raises:
         InputError: no such preset, other samples in ``output``, too little disk.

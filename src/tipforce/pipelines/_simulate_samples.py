@@ -44,11 +44,21 @@ def write_samples(
     workers: int | None = None,
     executor: Executor | None = None,
 ) -> None:
-    """``wanted`` as a dataset in ``folder``, the truth in ``folder / "truth"``; finished sessions are kept.
+    """Simulates samples into a dataset folder, their truth into its folder ``truth``; finished sessions are kept.
 
-    ``executor``: where it is done; by default in ``workers`` processes, as many as there are cores.
+    Args:
+        folder: the dataset folder.
+        wanted: preset, seed and numbers of the samples.
+        shards: Parquet files instead of a folder of images.
+        masks: whether the true masks of the catheter are written, too.
+        lossless: keep every pixel as it is rendered.
+        say: called with a line for people, such as a warning about disk space.
+        progress: called with the current step and the share that is done.
+        workers: number of processes; None: as many as there are cores.
+        executor: runs the sessions; None: ``workers`` processes of this machine.
 
-    Raises InputError where something else is in ``folder``, or the disk has too little room.
+    Raises:
+        InputError: something else is in ``folder``, or the disk has too little room.
     """
     made = {**wanted.model_dump(mode="json"), "shards": shards, "masks": masks, "lossless": lossless}
     manifest = folder / "simulated.json"

@@ -13,7 +13,14 @@ from ._record import record
 
 
 def record_session(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
-    """Records ``bench``, with its session metadata of sensor, tare and view."""
+    """Records a simulated session with its metadata.
+
+    Args:
+        bench: the session.
+        target: the recording (.mcap); an existing one is replaced.
+        tick: called for each frame.
+        lossless: keep images as PNG.
+    """
     record(
         bench,
         target,
@@ -38,7 +45,14 @@ def _named(stem: str, bench: SimulatedBench, view: str, suffix: str) -> str:
 
 
 def leave_files(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
-    """``video.mp4``, of each view, and the logs beside it in the folder ``target``, to be imported."""
+    """Writes ``video.mp4`` of each view, and the logs beside it, to be imported.
+
+    Args:
+        bench: the session.
+        target: the folder; an existing one is replaced.
+        tick: called for each frame.
+        lossless: keep every pixel as it is rendered.
+    """
     with replacing_folder(target) as part:
         # Drawing and encoding share the time: a faster preset pays with larger files, not with quality; one thread, for
         # there is a process for every core, and the same bytes however many there are.
@@ -50,7 +64,14 @@ def leave_files(bench: SimulatedBench, target: Path, tick: Callable[[], None], l
 
 
 def leave_dicom(bench: SimulatedBench, target: Path, tick: Callable[[], None], lossless: bool = False) -> None:
-    """``run.dcm``, of each view, and the logs beside it in the folder ``target``; the images lose nothing."""
+    """Writes ``run.dcm`` of each view, and the logs beside it; the images lose nothing.
+
+    Args:
+        bench: the session, with X-ray images.
+        target: the folder; an existing one is replaced.
+        tick: called for each frame.
+        lossless: not used.
+    """
     del lossless
     scene = bench.imaging.scene
     assert isinstance(scene, XrayScene)  # `refuse_form` lets no other come here
@@ -64,7 +85,16 @@ def leave_dicom(bench: SimulatedBench, target: Path, tick: Callable[[], None], l
 
 
 def refuse_form(form: str, settings: AnySimulationSettings) -> None:
-    """Raises InputError or MissingExtraError where sessions of ``settings`` cannot be left as ``form``; ask first."""
+    """Checks, before the work, that sessions can be written in a form.
+
+    Args:
+        form: "recording", "files" or "dicom".
+        settings: settings of the sessions.
+
+    Raises:
+        InputError: DICOM is wanted for a camera.
+        MissingExtraError: DICOM is wanted, and pydicom is not installed.
+    """
     if form != "dicom":
         return
     if not isinstance(settings, FluoroSettings):

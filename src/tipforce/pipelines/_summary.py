@@ -141,9 +141,15 @@ def _ranges(found: Labels) -> dict[str, tuple[float, float]]:
 
 
 def plot_summary(summary: RecordingSummary, path: Path | str) -> None:
-    """Force over time, an image and the frames' intervals, as a PNG or SVG (by the name's ending).
+    """Plots the force over time, an image and the frames' intervals.
 
-    Raises FileFormatError where its kind or folder is none.
+    Args:
+        summary: summary of the recording.
+        path: the file, .png or .svg.
+
+    Raises:
+        FileFormatError: the name ends otherwise.
+        OutputError: nothing can be written in the folder.
     """
     check_image_target(Path(path), plot=True)
     from ._plot import plot_run  # matplotlib takes a third of a second to load

@@ -79,12 +79,15 @@ def train(
         calibrate: other sessions, on which the intervals are fitted.
         samples: number of samples to draw; all by default.
         holdout: share of the samples, 0..1, held out at random to measure errors on.
-        seed: of drawing, holding out, cross-validation and training; by default that of the settings.
+        seed: seed of drawing, holding out, cross-validation and training; by default that of the settings.
         resume: networks only: go on with a training that was cut off.
         overwrite: replace a model that is there already.
         executor: "local": here; "ray": in one piece on the largest node of the cluster at RAY_ADDRESS. A network whose
             node is lost goes on from its last checkpoint on another.
         progress: called with the current step and the share that is done.
+
+    Returns:
+        The fitted method, its manifest, the measured errors and remarks.
 
     Raises:
         InputError: the data or settings cannot be used, or ``output`` is there already.
@@ -169,7 +172,15 @@ def _train_there(asked: _Asked, item: int, step: Callable[[], None]) -> tuple[Ma
 
 
 def data_of(data: Data, stated: SessionInfo | None = None) -> Dataset:
-    """``data`` as one dataset, with ``stated`` metadata in place of its own."""
+    """Joins data to one dataset.
+
+    Args:
+        data: one or several datasets, or their paths.
+        stated: metadata that replace those of the data.
+
+    Returns:
+        The samples with their metadata.
+    """
     parts = [data] if isinstance(data, str | Path | Dataset) else list(data)
     dataset = join([part if isinstance(part, Dataset) else open_dataset(part) for part in parts])
     if stated is None or stated == SessionInfo():

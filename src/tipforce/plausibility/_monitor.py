@@ -37,7 +37,12 @@ class ForceMonitor:
         self._steps: dict[int, ForceFinding] = {}
 
     def add(self, stamp_ns: int, force_n: FloatArray) -> None:
-        """Adds the next reading: its stamp and (3,) N."""
+        """Adds the next reading.
+
+        Args:
+            stamp_ns: its stamp.
+            force_n: (3,) force, N.
+        """
         with self._lock:
             if self._first_ns is None:
                 self._first_ns = stamp_ns

@@ -85,7 +85,15 @@ class _Target(Protocol):
 
 
 def centre_crop(image: Grey, side: int) -> Grey:
-    """Returns the central (side, side) part of ``image`` (h, h)."""
+    """Returns the central part of an image.
+
+    Args:
+        image: (h, h).
+        side: side of the part in pixels, at most h.
+
+    Returns:
+        (side, side), a view of ``image``.
+    """
     margin = (len(image) - side) // 2
     return image[margin : margin + side, margin : margin + side]
 
@@ -118,6 +126,10 @@ def augment_image(
         metadata: (k,) metadata features; changed in place.
         target: size of the result, and the outputs that a mirror image changes.
         rng: source of the random numbers.
+
+    Returns:
+        The changed image (s, s) and heatmap (s / 4, s / 4) for a target of the size s, and whether they are in
+        distribution.
     """
     how, size = target.augmentation or Augmentation(), target.size
     out_of_distribution = rng.random() < how.out_of_distribution

@@ -25,7 +25,15 @@ _MAY_CHANGE = {"minutes", "patience", "workers"}
 def run_identity(
     task: Task, samples: TrainingSamples, config: TrainConfig, precision: str, init_from: Weights | None
 ) -> dict[str, str]:
-    """Returns the properties that must be the same where training is resumed from a checkpoint, in readable form."""
+    """Returns the properties that must be the same where training is resumed from a checkpoint, in readable form.
+
+    Args:
+        task: the network and its loss.
+        samples: all samples.
+        config: settings of the training; those that may change on resuming are left out.
+        precision: precision of the arithmetic on the device, such as "fp32".
+        init_from: initial weights; None: random ones.
+    """
     may_change = _MAY_CHANGE if config.schedule == "cosine" else _MAY_CHANGE | {"epochs"}
     settings = {**config.model_dump(mode="json"), "precision": precision}
     return {
@@ -44,7 +52,12 @@ def _sha256(weights: Weights) -> str:
 
 
 def write_checkpoint(folder: Path, state: Mapping[str, Any]) -> None:
-    """Writes ``state`` (tensors, numbers, text) as `CHECKPOINT_FILE` in ``folder``, completely or not at all."""
+    """Writes a checkpoint, completely or not at all.
+
+    Args:
+        folder: an existing folder; the file in it is `CHECKPOINT_FILE`.
+        state: tensors, numbers and text by name.
+    """
     import torch
 
     part = folder / f"{CHECKPOINT_FILE}.part"
@@ -54,10 +67,14 @@ def write_checkpoint(folder: Path, state: Mapping[str, Any]) -> None:
 
 
 def read_checkpoint(folder: Path, identity: Mapping[str, str]) -> dict[str, Any] | None:
-    """Returns the state that `write_checkpoint` wrote to ``folder``, None where there is no checkpoint.
+    """Returns the state that `write_checkpoint` wrote, None where there is no checkpoint.
+
+    Args:
+        folder: the folder of the checkpoint.
+        identity: `run_identity` of the training that is to be resumed.
 
     Raises:
-        InputError: the checkpoint is damaged, or belongs to another training than ``identity``.
+        InputError: the checkpoint is damaged, or belongs to another training.
     """
     import torch
 
@@ -122,6 +139,10 @@ class TrainingLog:
 
 def progress_text(row: dict[str, Any], config: TrainConfig) -> str:
     """Returns the log row of an epoch as one line of text.
+
+    Args:
+        row: row of the log: errors in newtons, time since the start in seconds.
+        config: settings of the training.
 
     >>> progress_text({"epoch": 2, "loss": 0.05, "validation_error_n": 0.041, "training_error_n": 0.05,
     ...     "images_per_s": 61.2, "waiting_share": 0.021, "seconds": 90.0}, TrainConfig(epochs=10))

@@ -154,7 +154,7 @@ class CompactTask:
         return build_compact(self.outputs, self.metadata, self.size, COMPACT_UNIT_N, self.actuation, mirror, classes)
 
     def batch(self, samples: TrainingSamples, index: IntArray, rngs: Sequence[np.random.Generator] | None) -> Batch:
-        """Returns images of ``size`` pixels with their labels, augmented where ``rngs`` are given."""
+        """Returns images of ``size`` pixels with their labels, augmented where ``rngs`` are given; see `Task.batch`."""
         taken: Batch = {
             "force_n": samples.force_n[index].copy(),
             **{name: values[index].copy() for name, values in samples.inputs.items()},
@@ -186,6 +186,10 @@ class CompactTask:
         These are the Gaussian likelihood of the force with the predicted variance, and the cross-entropies of contact,
         the tissue's class, heatmap and in-distribution. Samples that are out of distribution count in the last two
         alone.
+
+        Args:
+            outputs: `COMPACT_OUTPUTS`, with tissue also `TISSUE_OUTPUTS`.
+            batch: the tensors of `batch`.
         """
         import torch
         from torch.nn.functional import binary_cross_entropy_with_logits, log_softmax
@@ -223,7 +227,12 @@ class CompactTask:
         return total
 
     def error_n(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """Returns (b,) lengths of the force error, weighted: their mean is that of the in-distribution samples."""
+        """Returns (b,) lengths of the force error, weighted: their mean is that of the in-distribution samples.
+
+        Args:
+            outputs: outputs of the network; the first is the force (b, t) in newtons.
+            batch: the tensors of `batch`.
+        """
         import torch
 
         return torch.linalg.vector_norm(outputs[0] - batch["force_n"], dim=1) * _sample_weight(batch)
@@ -282,6 +291,9 @@ def build_compact(
             network then evaluates the image and its mirror image and returns the mean of both (grid and features: of
             the image as it is).
         classes: number of classes of tissue.
+
+    Returns:
+        The module with random weights.
 
     Raises:
         InputError: ``size`` is no multiple of 32.

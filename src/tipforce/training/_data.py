@@ -82,6 +82,9 @@ def train_val_split(session: npt.NDArray[np.str_], config: TrainConfig) -> Train
         session: (n,) name of each sample's session.
         config: its ``validation``, ``hold_out`` and ``seed`` determine the split; ``validation`` 0: all samples train.
 
+    Returns:
+        Sorted indices of the samples of both parts, and whether whole sessions are held out.
+
     Raises:
         InputError: there are too few sessions or samples.
 

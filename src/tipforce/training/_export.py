@@ -99,9 +99,17 @@ def graph_weights(graph: bytes) -> dict[str, npt.NDArray[np.float32]]:
 def parity_n(
     graph: bytes, network: "nn.Module", batch: Mapping[str, npt.NDArray[Any]], output: str = "force_n"
 ) -> float:
-    """Returns the largest deviation of the graph's ``output`` from the network's in eval mode, over ``batch``.
+    """Returns the largest deviation of a graph's output from the network's in eval mode.
 
-    It is NaN where either output is NaN: compare it to a limit by ``not parity < limit``.
+    Args:
+        graph: the ONNX graph.
+        network: the network from which it was exported.
+        batch: inputs by name, (n, ...) each.
+        output: name of the output that is compared.
+
+    Returns:
+        The deviation in the output's unit (N). It is NaN where either output is NaN: compare it to a limit by
+        ``not parity < limit``.
     """
     import onnxruntime
 
@@ -206,7 +214,12 @@ def _name_and_type(values: Sequence[Any]) -> list[Any]:
 
 
 def store_in_half_precision(onnx: Any, model: Any) -> None:
-    """Stores matrices and kernels in half precision, in place."""
+    """Stores matrices and kernels in half precision.
+
+    Args:
+        onnx: the module of that name.
+        model: an ONNX model; changed in place.
+    """
     graph = model.graph
     casts: dict[str, Any] = {}
     for each in graph.initializer:

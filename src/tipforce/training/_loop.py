@@ -81,6 +81,9 @@ def train_network(
             interruption.
         progress: called during training.
 
+    Returns:
+        The weights of the kept epoch, the log and the facts of the training.
+
     Raises:
         InputError: the loss is not finite, or ``init_from`` or the checkpoint belongs to another network or training.
         MissingExtraError: torch is not installed.

@@ -42,6 +42,9 @@ def quantise(graph: bytes, batches: Iterable[_Inputs]) -> bytes:
         graph: a graph of `export_graph`.
         batches: calibration batches, typical inputs of the graph; the range of every activation is taken from them.
 
+    Returns:
+        The quantised graph.
+
     Raises:
         MissingExtraError: onnx is not installed.
     """
@@ -150,12 +153,16 @@ def _calibration_reader(tool: Any, batches: Iterable[_Inputs]) -> Any:
 
 
 def group_pixels(onnx: Any, model: Any) -> None:
-    """Changes a first convolution of stride 2 to groups of four pixels along a row, in place; the result is the same.
+    """Changes a first convolution of stride 2 to groups of four pixels along a row; the result is the same.
 
     With one to three channels a pixel, gathering the pixels under a large kernel costs far more than multiplying them.
     Therefore a row of w pixels is read as w / 4 pixels of four times the channels, and one position of the new kernel
     yields two positions of the old one; neither moves a byte. A graph that does not begin with bytes, a division by 255
     and such a convolution is not changed.
+
+    Args:
+        onnx: the module of that name.
+        model: an ONNX model; changed in place.
     """
     graph = model.graph
     consumers, producers = _consumers(graph), _producers(graph)

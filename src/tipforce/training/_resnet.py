@@ -92,20 +92,28 @@ class ResnetTask:
         return Resnet(self.outputs, self.actuation)
 
     def batch(self, samples: TrainingSamples, index: IntArray, rngs: Sequence[np.random.Generator] | None) -> Batch:
-        """Returns images, labels and actuation without augmentation: the thesis has none."""
+        """Returns images, labels and actuation; see `Task.batch`. There is no augmentation: the thesis has none."""
         del rngs
         taken: Batch = {"image": samples.images[index], "force_n": samples.force_n[index]}
         return taken | {name: values[index] for name, values in samples.inputs.items()}
 
     def loss(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """Returns the mean over the batch of thesis eq. (19)."""
+        """Returns the mean over the batch of thesis eq. (19); see `Task.loss`."""
         return component_rms(outputs[0], batch["force_n"]).mean()
 
     def error_n(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """Returns the (b,) errors by thesis eq. (19), which is also the measure of the thesis."""
+        """Returns the (b,) errors by thesis eq. (19), which is also the measure of the thesis; see `Task.error_n`."""
         return component_rms(outputs[0], batch["force_n"])
 
 
 def component_rms(predicted: "Tensor", target: "Tensor") -> "Tensor":
-    """Returns (b,) thesis eq. (19): the root mean square over the components of ``predicted - target``, (b, t) each."""
+    """Returns thesis eq. (19): the root mean square over the components of the error of the force.
+
+    Args:
+        predicted: (b, t) forces in newtons.
+        target: (b, t) forces in newtons.
+
+    Returns:
+        (b,) in newtons.
+    """
     return ((predicted - target) ** 2).mean(dim=1).add(MIN_SQUARED_ERROR_N2).sqrt()

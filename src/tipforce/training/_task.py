@@ -50,23 +50,32 @@ class Task(Protocol):
         ...
 
     def batch(self, samples: TrainingSamples, index: IntArray, rngs: Sequence[np.random.Generator] | None) -> Batch:
-        """Returns the samples at ``index`` (b,). Called in background threads.
+        """Returns samples as arrays by name. Called in background threads.
 
         Args:
             samples: all samples.
             index: (b,) indices of the samples.
             rngs: one generator per sample for data augmentation, keyed by seed, epoch and sample; None for validation,
-            without
-                augmentation.
+                without augmentation.
         """
         ...
 
     def loss(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """Returns the scalar training loss of the network's outputs and the batch, both in fp32."""
+        """Returns the scalar training loss.
+
+        Args:
+            outputs: outputs of the network, in fp32.
+            batch: the tensors of `batch`, in fp32.
+        """
         ...
 
     def error_n(self, outputs: Any, batch: Mapping[str, "Tensor"]) -> "Tensor":
-        """Returns (b,) force errors in newtons. Their mean over the validation split chooses the best epoch."""
+        """Returns (b,) force errors in newtons. Their mean over the validation split chooses the best epoch.
+
+        Args:
+            outputs: outputs of the network, in fp32.
+            batch: the tensors of `batch`, in fp32.
+        """
         ...
 
 
@@ -76,7 +85,12 @@ def network_weights(network: "nn.Module") -> dict[str, npt.NDArray[Any]]:
 
 
 def network_from_weights(task: Task, weights: Weights) -> "nn.Module":
-    """Returns the network of ``task`` with exactly ``weights``, on the CPU, in eval mode."""
+    """Returns a network with given weights, on the CPU, in eval mode.
+
+    Args:
+        task: builds the network.
+        weights: all its weights by name.
+    """
     network = task.build()
     reinitialised = load_weights(network, weights, ())
     assert not reinitialised

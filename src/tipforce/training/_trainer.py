@@ -36,7 +36,12 @@ class BatchLoader:
         self.waited_s = 0.0
 
     def run(self, batches: list[IntArray], epoch: int | None) -> Iterator[Batch]:
-        """Yields one batch for each array of sample indices; ``epoch`` None: for validation, without augmentation."""
+        """Yields one batch for each array of sample indices.
+
+        Args:
+            batches: indices of the samples of each batch.
+            epoch: number of the epoch, which seeds the augmentation; None: for validation, without augmentation.
+        """
         rest = iter(batches)
         waiting: deque[Future[Batch]] = deque(self._submit(index, epoch) for index in islice(rest, self._prefetch))
         try:
@@ -62,13 +67,31 @@ class BatchLoader:
 
 @contextmanager
 def batch_loader(task: Task, samples: TrainingSamples, seed: int, workers: int) -> Generator[BatchLoader]:
-    """Opens a `BatchLoader` with ``workers`` threads, which end with the block."""
+    """Opens a `BatchLoader`; its threads end with the block.
+
+    Args:
+        task: makes the batches.
+        samples: all samples.
+        seed: seed of the augmentation.
+        workers: number of threads.
+
+    Yields:
+        The loader.
+    """
     with ThreadPoolExecutor(workers, thread_name_prefix="batches") as pool:
         yield BatchLoader(task, samples, seed, pool, workers)
 
 
 def batch_indices(index: IntArray, size: int, rng: np.random.Generator | None = None) -> list[IntArray]:
-    """Cuts ``index`` into batches of about ``size``, none smaller than two if there are two; shuffled with ``rng``.
+    """Cuts indices into batches of about the same size.
+
+    Args:
+        index: (n,) indices of samples.
+        size: usual number of samples in a batch.
+        rng: shuffles the indices; None: they stay in order.
+
+    Returns:
+        The indices of each batch; none has fewer than two if there are two.
 
     >>> [len(batch) for batch in batch_indices(np.arange(33), 16)]
     [11, 11, 11]
@@ -153,7 +176,12 @@ class Trainer:
         return loss_mean, error_mean_n
 
     def validation_error_n(self, loader: BatchLoader, index: IntArray) -> float:
-        """Returns the mean error in newtons over ``index``, in fp32 and without augmentation, of `best_weights`."""
+        """Returns the mean force error of `best_weights` in newtons, in fp32 and without augmentation.
+
+        Args:
+            loader: loads the batches.
+            index: (n,) indices of the samples.
+        """
         import torch
 
         trained = None

@@ -34,6 +34,15 @@ class Canvas:
 
     @classmethod
     def over(cls, image: Image, mask: BoolArray | None) -> "Canvas":
+        """Makes a canvas of an image; a small image is enlarged by a whole number.
+
+        Args:
+            image: (h, w) or (h, w, 3); not changed.
+            mask: (h, w) pixels that are tinted; None: none.
+
+        Returns:
+            The canvas.
+        """
         image = rgb(image)
         if mask is not None and mask.any():
             image = image.copy()
@@ -51,7 +60,14 @@ class Canvas:
         return (np.atleast_2d(points) + 0.5) * self.zoom - 0.5
 
     def line(self, points: FloatArray, colour: Colour, width: float, dashed: bool = False) -> None:
-        """A curve through ``points`` (n, 2), ``width`` in `unit`."""
+        """Draws a curve.
+
+        Args:
+            points: (n, 2) image points u, v in px.
+            colour: RGB, 0 to 255.
+            width: width in `unit`.
+            dashed: whether the line is dashed.
+        """
         thick = max(1, round(width * self.unit))
         at = self._at(points)
         pieces = [fixed(at)]
@@ -63,7 +79,14 @@ class Canvas:
         cv2.polylines(self.image, pieces, False, colour, thick, cv2.LINE_AA, SHIFT)
 
     def arrow(self, tail: FloatArray, head: FloatArray, colour: Colour, width: float) -> None:
-        """From ``tail`` to ``head``, outlined in black; nothing where they are the same."""
+        """Draws an arrow, outlined in black; nothing where its ends are the same.
+
+        Args:
+            tail: (2,) image point u, v in px.
+            head: (2,) image point u, v in px.
+            colour: RGB, 0 to 255.
+            width: width of the shaft in `unit`.
+        """
         ends = self._at(np.stack([tail, head]))
         along = ends[1] - ends[0]
         length = float(np.hypot(*along))
@@ -84,14 +107,27 @@ class Canvas:
         cv2.fillConvexPoly(self.image, fixed(triangle), colour, cv2.LINE_AA, SHIFT)
 
     def dot(self, point: FloatArray, colour: Colour, radius: float) -> None:
-        """A disc with a black rim."""
+        """Draws a disc with a black rim.
+
+        Args:
+            point: (2,) image point u, v in px.
+            colour: RGB, 0 to 255.
+            radius: radius in `unit`.
+        """
         centre = fixed(self._at(point))[0]
         for paint, more in ((BLACK, 1.5), (colour, 0.0)):
             reach = round((radius + more) * self.unit * (1 << SHIFT))
             cv2.circle(self.image, (int(centre[0]), int(centre[1])), reach, paint, -1, cv2.LINE_AA, SHIFT)
 
     def label(self, text: str, head: FloatArray, along: FloatArray, colour: Colour) -> None:
-        """A word just beyond the ``head`` of an arrow that runs ``along`` (unit vector), kept inside the image."""
+        """Writes a word just beyond the head of an arrow, inside the image.
+
+        Args:
+            text: the word.
+            head: (2,) image point u, v in px.
+            along: (2,) unit vector of the arrow.
+            colour: RGB, 0 to 255.
+        """
         (width, height), _ = cv2.getTextSize(text, FONT, self.font, 1)
         u, v = self._at(head)[0] + (6.0 * self.unit + 0.5 * np.hypot(width, height)) * along
         u = min(max(u - 0.5 * width, 3.0), self.image.shape[1] - width - 3.0)
@@ -99,7 +135,12 @@ class Canvas:
         self._put(text, (round(u), round(v)), colour, self.font)
 
     def banner(self, title: str, detail: str) -> None:
-        """Draws a red bar along the top that states the fault and its reason, broken into lines."""
+        """Draws a red bar along the top that states a fault.
+
+        Args:
+            title: the fault.
+            detail: its reason, broken into lines.
+        """
         big, small = 1.25 * self.font, self.font
         rows = [(title, big)] + [(line, small) for line in self._broken(detail, small)]
         heights = [round(38 * size) for _, size in rows]
@@ -111,7 +152,12 @@ class Canvas:
             self._put(text, (round(16 * small), at - round(8 * size)), WHITE, size, outlined=False)
 
     def footer(self, rows: list[list[tuple[str, Colour]]], big_first: bool = False) -> None:
-        """A dark bar along the bottom with rows of coloured words."""
+        """Draws a dark bar along the bottom with rows of coloured words.
+
+        Args:
+            rows: words of each row with their colours.
+            big_first: whether the first row is larger.
+        """
         sizes = [self.font * (1.5 if big_first and k == 0 else 1.0) for k in range(len(rows))]
         widths = [sum(_width(text, size) + 26 * size for text, _ in row) for row, size in zip(rows, sizes, strict=True)]
         fit = min(1.0, *((self.image.shape[1] - 16 * self.font) / width for width in widths))

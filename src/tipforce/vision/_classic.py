@@ -263,7 +263,15 @@ def _within(box: tuple[int, int, int, int], image: BoolArray) -> BoolArray:
 
 
 def resampled(points: FloatArray, count: int) -> FloatArray:
-    """Returns (count, 2): ``points`` (n, 2) at equal steps of arc length."""
+    """Returns points at equal steps of arc length along a curve.
+
+    Args:
+        points: (n, 2) points of the curve, in order.
+        count: number of points to return.
+
+    Returns:
+        (count, 2); the first and the last point are those of ``points``.
+    """
     steps = np.hypot(*np.diff(points, axis=0).T)
     length = np.concatenate([[0.0], np.cumsum(steps)])
     at = np.linspace(0.0, length[-1], count)

@@ -20,7 +20,15 @@ TALLEST = 4
 
 
 def shaft_mask(shape: DetectedShape, size: tuple[int, int]) -> BoolArray:
-    """Returns (h, w) = ``size``: the pixels within half a diameter of the centreline; none where nothing was found."""
+    """Returns the pixels within half a diameter of the centreline; none where no shape was found.
+
+    Args:
+        shape: the detected shape.
+        size: (h, w) of the image in px.
+
+    Returns:
+        (h, w), True on the shaft.
+    """
     ground = np.ones(size, dtype=np.uint8)
     if shape.centreline is None or not math.isfinite(shape.diameter_px):
         return np.zeros(size, dtype=np.bool_)
@@ -37,10 +45,17 @@ def draw_shape(
     mask: BoolArray | None = None,
     legend: bool = True,
 ) -> Image:
-    """Returns an RGB copy of ``image`` with mask, centreline, base frame, tip and fitted curve, or why there is none.
+    """Draws mask, centreline, base frame, tip and fitted curve over an image, or the reason why there is no shape.
 
-    ``curve_px`` (n, 2): the fitted curve in image points. ``mask`` (h, w): pixels of the catheter; by default the
-    tube around the centreline.
+    Args:
+        image: (h, w) or (h, w, 3).
+        shape: the detected shape.
+        curve_px: (n, 2) fitted curve in image points; None: none is drawn.
+        mask: (h, w) pixels of the catheter; None: the tube around the centreline.
+        legend: whether the colours are named below.
+
+    Returns:
+        The drawing (h', w', 3), enlarged where the image is small.
     """
     if mask is None:
         mask = shaft_mask(shape, (image.shape[0], image.shape[1]))
@@ -59,11 +74,19 @@ def draw_shape(
 def draw_estimate(
     image: Image, shape: DetectedShape | None, estimate: ForceEstimate, *, full_scale_n: float = 0.3
 ) -> Image:
-    """Returns an RGB copy of ``image`` with the shape, the force as an arrow and in N and g, interval and status.
+    """Draws the shape over an image, with the force as an arrow and in N and g, interval and status.
 
-    The arrow is the force of the tissue on the tip, so its head is on the tip; ``full_scale_n`` is as long as a quarter
-    of the shorter side of the image. A method that yields the magnitude alone has no arrow. An estimate that is not
-    valid shows its reason and no number.
+    The arrow is the force of the tissue on the tip, so its head is on the tip. A method that yields the magnitude alone
+    has no arrow. An estimate that is not valid shows its reason and no number.
+
+    Args:
+        image: (h, w) or (h, w, 3).
+        shape: the detected shape; None: no shape is drawn.
+        estimate: the estimate.
+        full_scale_n: force in newtons whose arrow is a quarter of the shorter side of the image long.
+
+    Returns:
+        The drawing (h', w', 3), enlarged where the image is small.
     """
     canvas = Canvas.over(image, None)
     if shape is not None:
@@ -87,9 +110,15 @@ def draw_estimate(
 
 
 def contact_sheet(images: Sequence[Image], columns: int, titles: Sequence[str] = (), width: int = 320) -> Image:
-    """Returns images of any sizes as one, ``columns`` in a row, each ``width`` px wide and under its title.
+    """Returns images of any sizes as one, in rows, each under its title.
 
-    An image more than `TALLEST` times as high as wide is narrower.
+    An image more than `TALLEST` times as high as wide is narrower than the others.
+
+    Args:
+        images: (h, w) or (h, w, 3) each.
+        columns: number of images in a row.
+        titles: title of each image; empty: no titles.
+        width: width of each image on the sheet in px.
     """
     height = min(TALLEST * width, max(round(width * p.shape[0] / p.shape[1]) for p in images))
     bar = 22 if titles else 0

@@ -50,10 +50,19 @@ def feature_names(settings: ShapeFeatureSettings) -> tuple[str, ...]:
 
 
 def shape_features(shape: DetectedShape, settings: ShapeFeatureSettings) -> FloatArray | NoFeatures:
-    """Returns the features of a detected shape, (k,) as named by `feature_names`; `NoFeatures` where there are none.
+    """Computes the features of a detected shape.
 
     A polynomial is refused with ``not_a_function`` where the shape bends past 90 degrees: several y belong to one x.
-    Raises InputError where the centreline has too few points for the degree of a series.
+
+    Args:
+        shape: the detected shape.
+        settings: kind and degree of the features.
+
+    Returns:
+        (k,) features as named by `feature_names`; `NoFeatures` where there are none.
+
+    Raises:
+        InputError: the centreline has too few points for the degree of a series.
     """
     centreline, base = shape.centreline, shape.base
     if centreline is None or base is None:
@@ -123,7 +132,16 @@ def _legendre(centreline: CentrelinePx, base: BasePose, settings: ShapeFeatureSe
 def fitted_curve(
     shape: DetectedShape, settings: ShapeFeatureSettings, values: FloatArray, points: int = 64
 ) -> FloatArray:
-    """Returns (points, 2): image points of the curve that the features ``values`` describe.
+    """Returns the curve that features describe, for drawing.
+
+    Args:
+        shape: the detected shape.
+        settings: kind and degree of the features.
+        values: (k,) features of the shape.
+        points: number of points to return.
+
+    Returns:
+        (points, 2) image points u, v in px.
 
     Raises:
         ValueError: the shape has no centreline.

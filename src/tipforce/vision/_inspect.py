@@ -91,7 +91,17 @@ def inspect_image(
     vision: VisionSettings | ResolvedVision,
     features: ShapeFeatureSettings | None = None,
 ) -> Inspection:
-    """Runs ``detect`` on ``image``, fits the features, draws mask, centreline, base frame and fitted curve."""
+    """Detects the catheter in an image, computes its features, and draws mask, centreline, base frame and fitted curve.
+
+    Args:
+        image: (h, w) or (h, w, 3).
+        detect: detects the shape.
+        vision: settings of the detection, for the mask.
+        features: kind and degree of the features; None: the defaults.
+
+    Returns:
+        Shape, features and drawing.
+    """
     settings = features or ShapeFeatureSettings()
     shape = detect(image)
     values = shape_features(shape, settings)

@@ -75,7 +75,12 @@ class CalibrationBatch:
 
 
 def spread_evenly(index: IntArray, count: int) -> IntArray:
-    """Returns at most ``count`` of ``index``, spread evenly over it."""
+    """Returns some indices, spread evenly over all.
+
+    Args:
+        index: (n,) indices.
+        count: largest number of indices to return.
+    """
     return index[np.unique(np.linspace(0, len(index) - 1, min(len(index), count)).astype(np.int64))]
 
 

@@ -53,14 +53,17 @@ def fit_abstention_limits(
     heatmap_trained: bool,
     ood_trained: bool,
 ) -> AbstentionLimits:
-    """Sets the limits.
+    """Sets the limits beyond which the network abstains.
 
     Args:
-        held_out: outputs for held-out samples.
-        sigma_n: (n,) standard deviations of their magnitudes.
+        held_out: outputs for n held-out samples.
+        sigma_n: (n,) standard deviations of their magnitudes in newtons.
         abstained: share of them whose standard deviation is to be too large.
         heatmap_trained: whether training had heatmaps.
         ood_trained: whether training had out-of-distribution images.
+
+    Returns:
+        The limits; those that were not trained never cause an abstention.
     """
     logit = min(0.0, float(np.quantile(held_out["in_distribution_logit"], _OOD_QUANTILE)))
     pixels = MIN_HEATMAP_SHARE * float(np.quantile(heatmap_pixels(held_out), 0.01)) if heatmap_trained else 0.0
@@ -192,7 +195,16 @@ class CompactEstimateBuilder:
 
 
 def component_sigma(outputs: Outputs, laplace: LastLayerLaplace, unit_n: float) -> FloatArray:
-    """Returns (n, t) standard deviations of the components in newtons, aleatoric and epistemic together."""
+    """Returns standard deviations of the components, aleatoric and epistemic together.
+
+    Args:
+        outputs: outputs of the network for n samples.
+        laplace: epistemic uncertainty.
+        unit_n: the network's unit of force in newtons.
+
+    Returns:
+        (n, t) in newtons.
+    """
     log_variance = outputs["log_variance"].astype(np.float64)
     epistemic = 1.0 + laplace.variance(outputs["features"].astype(np.float64))
     return unit_n * np.exp(0.5 * log_variance) * np.sqrt(epistemic)[:, None]

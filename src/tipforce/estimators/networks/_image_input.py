@@ -122,9 +122,15 @@ def catheter_window(
 
 
 def crop_window(image: Image, window: Window, size: int) -> Image:
-    """Returns (size, size) grey levels of ``image`` (h, w[, 3]) in ``window``, averaged over areas.
+    """Returns the grey levels of a window, averaged over areas. Beyond the image its border is repeated.
 
-    Beyond the image its border is repeated.
+    Args:
+        image: (h, w[, 3]).
+        window: the part of the image.
+        size: side of the result in pixels.
+
+    Returns:
+        (size, size) uint8, with the base at the left.
     """
     out = np.empty((size, size), np.uint8)
     channels_last = image if image.ndim == 3 else image[:, :, None]
@@ -134,7 +140,12 @@ def crop_window(image: Image, window: Window, size: int) -> Image:
 
 
 def enlarged(window: Window, factor: float) -> Window:
-    """Returns the window with the same centre and ``factor`` times the side."""
+    """Returns a window with the same centre and another side.
+
+    Args:
+        window: the window.
+        factor: new side over the old one.
+    """
     cos, sin = INWARD[BASE_SIDES[window.turns]]
     back = 0.5 * (factor - 1.0) * window.size_px
     origin = window.origin[0] - cos * back, window.origin[1] - sin * back
@@ -142,7 +153,12 @@ def enlarged(window: Window, factor: float) -> Window:
 
 
 def moved(window: Window, inward_px: float) -> Window:
-    """Returns the window that has followed the base inward, from its border of the image."""
+    """Returns the window that has followed the base inward, from its border of the image.
+
+    Args:
+        window: the window at the border.
+        inward_px: distance of the base from the border in px.
+    """
     cos, sin = INWARD[BASE_SIDES[window.turns]]
     origin = window.origin[0] + cos * inward_px, window.origin[1] + sin * inward_px
     return replace(window, origin=origin)

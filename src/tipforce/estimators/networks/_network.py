@@ -100,7 +100,12 @@ class NetworkEstimator(FineTunable):
 
     @abstractmethod
     def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
-        """Returns a function that reads the inputs from the observations of one session."""
+        """Returns a function that reads the inputs from the observations of one session.
+
+        Args:
+            info: metadata of the session.
+            training: whether the inputs are for training, with a margin for augmentation.
+        """
 
     @abstractmethod
     def task(self, known: BoolArray, base_frame: bool, actuation: tuple[tuple[float, float], ...]) -> Task:
@@ -155,14 +160,7 @@ class NetworkEstimator(FineTunable):
         return frozenset() if fitted is None else frozenset(fitted.sessions)
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Train on ``dataset``, except for a validation split for the best epoch and the interval.
-
-        Raises:
-            InputError: there are fewer than `MIN_SAMPLES` samples, no images, force components or actuation values
-                that are needed, or training diverges.
-            MissingExtraError: torch is not installed.
-            ModelError: the exported graph differs from the network.
-        """
+        """Trains on all samples but a validation split for the best epoch and the interval; see `fit_resumable`."""
         return self.fit_resumable(dataset, progress)
 
     def fit_resumable(
@@ -173,13 +171,19 @@ class NetworkEstimator(FineTunable):
         folder: Path | None = None,
         resume: bool = False,
     ) -> Self:
-        """As `fit`; a training that was killed can be resumed.
+        """Returns the method, fitted as by `fit`; a training that was killed can be resumed.
 
         Args:
             dataset: the training data.
             progress: called during training.
             folder: run directory for prepared images, log and a checkpoint after every epoch; None: a temporary one.
             resume: continue from the checkpoint in ``folder``.
+
+        Raises:
+            InputError: there are fewer than `MIN_SAMPLES` samples, no images, force components or actuation values
+                that are needed, or training diverges.
+            MissingExtraError: torch is not installed.
+            ModelError: the exported graph differs from the network.
         """
         report, initial = progress or _no_progress, self._init_from
         require_torch()
@@ -328,7 +332,7 @@ class NetworkEstimator(FineTunable):
         return prepared
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Set the intervals on ``dataset``, whose sessions ``fit`` did not use; the estimated forces stay.
+        """Sets the intervals on sessions that `fit` did not use; the forces stay. See `Estimator.calibrate`.
 
         Raises:
             InputError: none of its samples has an estimate.
@@ -366,7 +370,14 @@ class NetworkEstimator(FineTunable):
     def fit_interval(
         self, estimates: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], sampling: str
     ) -> Interval:
-        """Returns the intervals from estimates, their labels (n, t) and sessions (n,); see `conformal_interval`."""
+        """Returns the intervals of the method; see `conformal_interval`.
+
+        Args:
+            estimates: n estimates.
+            truth: (n, t) their labels in newtons.
+            session: (n,) their sessions.
+            sampling: how the samples were drawn; "": whole sessions were held out.
+        """
         known = self._fitted().known
         force = np.array([each.force_n[known] for each in estimates])
         return conformal_interval(known, force, force - truth, truth, session, not sampling, sampling)
@@ -387,7 +398,7 @@ class NetworkEstimator(FineTunable):
         return self.files()[GRAPH_FILE], {"parity_n": self._fitted().facts.parity_with_network_n}
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "NetworkStream":
-        """Returns a stream for one session. Raises NotFittedError before ``fit``."""
+        """Returns a stream for one session; see `Estimator.start`."""
         del images  # its window follows from the metadata
         fitted = self._fitted()
         reader = self.reader(info, training=False)
@@ -445,7 +456,12 @@ class NetworkEstimator(FineTunable):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,
     ) -> Self:
-        """The inverse of `state` and `files`. Raises KeyError without the graph, ModelError where it is damaged."""
+        """Inverts `state` and `files`; see `Estimator.from_state`.
+
+        Raises:
+            KeyError: the graph is missing.
+            ModelError: the graph is damaged.
+        """
         files = files or {}
         made = cls(cls.settings_type.model_validate(settings))
         state, quantised = NetworkState.model_validate(values), QUANTISED_FILE in files

@@ -47,7 +47,14 @@ class InputReader(Protocol):
 def read_inputs(
     reader: InputReader, actuation: tuple[str, ...], observation: Observation, mask: Image | None = None
 ) -> Arrays | Abstention:
-    """Returns the inputs of one sample with its actuation values, or why they cannot be read."""
+    """Returns the inputs of one sample with its actuation values, or why they cannot be read.
+
+    Args:
+        reader: reads the inputs without actuation.
+        actuation: names of the actuation values.
+        observation: the sample.
+        mask: (h, w) mask of the catheter, for training; None: unknown.
+    """
     row = reader(observation, mask)
     if isinstance(row, Abstention) or not actuation:
         return row
@@ -61,7 +68,15 @@ def actuation_spec(names: tuple[str, ...]) -> Specs:
 
 
 def training_components(dataset: Dataset, wanted: str, method: str) -> BoolArray:
-    """Returns (3,) which force components are estimated: the known ones, of the plane alone for ``wanted`` "xy".
+    """Returns the force components that are estimated.
+
+    Args:
+        dataset: the training data.
+        wanted: "xy": those of the plane alone; otherwise all that the data have.
+        method: name of the method, for messages.
+
+    Returns:
+        (3,), True for x, y, z that are estimated.
 
     Raises:
         InputError: there is none, or some samples have no force.
@@ -75,7 +90,13 @@ def training_components(dataset: Dataset, wanted: str, method: str) -> BoolArray
 
 
 def training_samples(dataset: Dataset, prepared: "PreparedData", known: BoolArray) -> TrainingSamples:
-    """Returns the prepared inputs with the labels of ``dataset``."""
+    """Returns the prepared inputs with their labels.
+
+    Args:
+        dataset: the training data.
+        prepared: inputs of some of its samples.
+        known: (3,) the estimated components.
+    """
     arrays = dict(prepared.arrays)
     return TrainingSamples(
         images=arrays.pop("image"),
@@ -120,9 +141,7 @@ def prepare(
     names: npt.NDArray[np.str_],
     report: Callable[[float], None],
 ) -> PreparedData:
-    """Read the inputs of all samples, in the dataset's order, and keep them as .npy files.
-
-    One image is in memory at a time. Files that ``folder`` already holds under the same key are used as they are.
+    """Reads the inputs of all samples, in the dataset's order, and keeps them as .npy files.
 
     Args:
         dataset: the samples.
@@ -133,6 +152,9 @@ def prepare(
         key: everything that ``read`` depends on.
         names: (n,) name of each sample in messages.
         report: called with the finished share.
+
+    Returns:
+        The inputs that could be read.
 
     Raises:
         InputError: there is not enough disk space.

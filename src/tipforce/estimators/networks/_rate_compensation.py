@@ -49,9 +49,14 @@ class History:
         self._past: deque[tuple[int, FloatArray]] = deque()
 
     def rate(self, stamp_ns: int, force_n: FloatArray) -> FloatArray | None:
-        """Returns the rate of change (t,) in N/s up to ``force_n`` (t,), None without a suitable earlier frame.
+        """Returns the rate of change of the force; keeps the force for later calls.
 
-        ``force_n`` is kept for later calls.
+        Args:
+            stamp_ns: stamp of the frame.
+            force_n: (t,) its force in newtons.
+
+        Returns:
+            (t,) in N/s; None without a suitable earlier frame.
         """
         past = self._past
         while past and not 0 <= stamp_ns - past[0][0] <= MAX_ELAPSED_S * 1e9:
@@ -66,7 +71,15 @@ class History:
 
 
 def rate_compensation_from(calibration: CalibrationBatch, initial: RateCompensation | None) -> RateCompensation:
-    """Fit the compensation on all samples that have an earlier one in their session; see `fit_rate_compensation`."""
+    """Fits the compensation on all samples that have an earlier one in their session; see `fit_rate_compensation`.
+
+    Args:
+        calibration: the trained graph with its samples.
+        initial: compensation of the initial model; None: there is none.
+
+    Returns:
+        The compensation; ``initial``, or none, where no sample has an earlier one.
+    """
     before = earlier_samples(calibration.stamp_ns, calibration.samples.session)
     later = np.flatnonzero(before >= 0)
     later = later[:: max(1, len(later) // _MAX_PAIRS)]
@@ -84,9 +97,14 @@ def rate_compensation_from(calibration: CalibrationBatch, initial: RateCompensat
 
 
 def earlier_samples(stamp_ns: IntArray, session: npt.NDArray[np.str_]) -> IntArray:
-    """Returns (n,) the index of the sample that `History` compares each with, -1 for none.
+    """Returns the sample that `History` compares each sample with. All samples are taken in the order of their stamps.
 
-    All samples of a ``session`` (n,) are taken in the order of their stamps.
+    Args:
+        stamp_ns: (n,) stamps.
+        session: (n,) sessions.
+
+    Returns:
+        (n,) indices, -1 for none.
     """
     found = np.full(len(stamp_ns), -1, np.int64)
     order = np.lexsort((stamp_ns, session))
@@ -101,13 +119,16 @@ def earlier_samples(stamp_ns: IntArray, session: npt.NDArray[np.str_]) -> IntArr
 def fit_rate_compensation(
     estimate_n: FloatArray, rate: FloatArray, truth_n: FloatArray, initial: RateCompensation
 ) -> RateCompensation:
-    """Fit the compensation by regularised least squares.
+    """Fits the compensation by regularised least squares.
 
     Args:
-        estimate_n: (n, t) estimates from single images.
+        estimate_n: (n, t) estimates from single images in newtons.
         rate: (n, t) rates of their change in N/s.
-        truth_n: (n, t) labels.
+        truth_n: (n, t) labels in newtons.
         initial: the fit is regularised towards this one, with the weight of `_PRIOR_SAMPLES` samples.
+
+    Returns:
+        The compensation; ``initial`` where nothing changes or the fit is beyond `MAX_COMPENSATION_S`.
     """
     if not rate.any():
         return initial

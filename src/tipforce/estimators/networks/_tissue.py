@@ -77,7 +77,15 @@ class TissueBelief:
         self._log, self._before_ns = self._prior, None
 
     def shares(self, stamp_ns: int, logits: npt.NDArray[np.floating]) -> FloatArray:
-        """Returns (c,) the shares, with an image of ``logits`` (c,) counted in full, and earlier ones as they count."""
+        """Returns the shares of the classes with a new image, which is counted in full, and earlier ones.
+
+        Args:
+            stamp_ns: stamp of the image.
+            logits: (c,) outputs of the network for it.
+
+        Returns:
+            (c,) shares, which sum to 1.
+        """
         before = self._before_ns
         if before is None or stamp_ns > before:
             step = SPACING_S if before is None else 1e-9 * (stamp_ns - before)
@@ -99,15 +107,17 @@ def fit_tissue_evidence(
     log_stiffness: FloatArray,
     initial: TissueEvidence | None,
 ) -> TissueEvidence:
-    """Find the classes' shares in training, which are those that the network expects, and how much an image counts.
+    """Finds the shares of the classes in training, which the network expects, and the weight of an image.
 
     Args:
-        session: (n,) of samples that the network was not trained on.
-        stamp_ns: (n,).
-        logits: (n, c), the network's.
-        log_stiffness: (n,) as the sessions state it in N/m, NaN where they do not.
-        initial: of the model that it was fine-tuned from; its weight is kept where fewer than two sessions state their
-            tissue.
+        session: (n,) sessions of samples that the network was not trained on.
+        stamp_ns: (n,) stamps.
+        logits: (n, c) outputs of the network.
+        log_stiffness: (n,) logarithm of the stiffness in N/m as the sessions state it, NaN where they do not.
+        initial: evidence of the initial model; its weight is kept where fewer than two sessions state their tissue.
+
+    Returns:
+        The evidence; the smallest weight whose likelihood is within one standard error of the best.
     """
     share = np.maximum(np.exp(log_softmax(logits)).mean(axis=0), MIN_CLASS_SHARE)
     log_share = np.log(share / share.sum())

@@ -78,7 +78,14 @@ _CALIBRATION_IMAGES = 10
 
 
 def metadata_features(info: SessionInfo, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
-    """Returns (4,) `METADATA_FEATURES` of catheter and bench; 0 for unknown values.
+    """Returns `METADATA_FEATURES` of catheter and bench.
+
+    Args:
+        info: metadata of the session.
+        actuation: readings of the drives by name.
+
+    Returns:
+        (4,) features; 0 for unknown values.
 
     >>> metadata_features(SessionInfo(), {}).tolist()
     [0.0, 0.0, 0.0, 0.0]
@@ -317,7 +324,7 @@ class Compact(NetworkEstimator):
         )
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "CompactStream":
-        """Returns a stream for one session. Raises NotFittedError before ``fit``."""
+        """Returns a stream for one session; see `Estimator.start`."""
         del images  # its window follows from the metadata
         reader, builder = self.reader(info, training=False), self.estimate_builder(info)
         return CompactStream(self._fitted(), reader, builder, self.required_actuation, info, self.settings.view)
@@ -365,7 +372,7 @@ class Compact(NetworkEstimator):
     def fit_interval(
         self, estimates: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], sampling: str
     ) -> Interval:
-        """Returns the intervals in standard deviations of each estimate.
+        """Returns the intervals in standard deviations of each estimate; see `NetworkEstimator.fit_interval`.
 
         Samples of the training sessions guarantee little: where it was fine-tuned, the initial model's interval counts
         if it is wider.
@@ -401,7 +408,15 @@ class CompactStream(NetworkStream):
         self._before_ns: int | None = None
 
     def update(self, observation: Observation, *, unsure: bool = False) -> ForceEstimate:
-        """See `Stream`; ``unsure``: whether the limit of the uncertainty is left out."""
+        """Estimates the force on the next frame; see `Stream.update`.
+
+        Args:
+            observation: the frame.
+            unsure: whether the limit of the uncertainty is left out.
+
+        Returns:
+            The estimate.
+        """
         outputs = self.outputs(observation)
         if isinstance(outputs, ForceEstimate):
             return outputs

@@ -151,10 +151,11 @@ class RodModelEstimator(CentrelineEstimator):
         return known if learnt or self.settings.stiffness_nm2 else (*known, "catheter.bending_stiffness_nm2")
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Finds stiffness, pre-curvature and the stations' covariance on frames whose force is known.
+        """Finds stiffness, pre-curvature and the stations' covariance; see `Estimator.fit`.
 
-        Raises InputError for fewer than `MIN_SAMPLES` detected samples, for unknown Fx or Fy, and for sessions without
-        length or scale.
+        Raises:
+            InputError: fewer than `MIN_SAMPLES` samples are detected, Fx or Fy is unknown, or a session has no length
+                or scale.
         """
         report = progress or no_progress
         if not dataset.known[:2].all():
@@ -204,9 +205,10 @@ class RodModelEstimator(CentrelineEstimator):
         return self
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Finds the intervals anew on ``dataset``, of whose sessions ``fit`` saw none; forces stay as they are.
+        """Finds new intervals; the forces stay. See `Estimator.calibrate`.
 
-        Raises InputError where the catheter is found in none of its images.
+        Raises:
+            InputError: the catheter is found in no image.
         """
         report = progress or no_progress
         lines = self._lines(dataset, lambda share: report("calibrating", share))
@@ -229,7 +231,16 @@ class RodModelEstimator(CentrelineEstimator):
         return RodModelStream(self, info, images)
 
     def estimate(self, line: RodLine, info: SessionInfo, stamp_ns: int) -> ForceEstimate:
-        """The estimate of a frame that was read."""
+        """Estimates the force of one frame.
+
+        Args:
+            line: the centreline that was read in the frame.
+            info: metadata of the session.
+            stamp_ns: stamp of the frame.
+
+        Returns:
+            The estimate; invalid where the model does not explain the centreline.
+        """
         found, fitted = self._force(line, info), self.fitted_ or _unfitted(self.settings, self.stations)
         if not found.converged:
             detail = f"the {self.name} model has no equilibrium near this centreline"
@@ -329,7 +340,12 @@ class RodModelEstimator(CentrelineEstimator):
         return None
 
     def reader(self, info: SessionInfo, images: Sequence[Image] = ()) -> RodReader:
-        """Returns a reader of the centrelines in one session."""
+        """Returns a reader of the centrelines in one session.
+
+        Args:
+            info: metadata of the session.
+            images: images of the session that resolve its detection; see `Estimator.start`.
+        """
         shared = None if self.fitted_ is None else self.fitted_.vision
         return RodReader(self.settings.vision, shared, info, images)
 
@@ -368,7 +384,11 @@ class RodModelEstimator(CentrelineEstimator):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
-        """The inverse of `state`."""
+        """Inverts `state`; see `Estimator.from_state`.
+
+        Raises:
+            KeyError, ValueError, LinAlgError: the values and arrays are not those of the method.
+        """
         made = cls(RodModelSettings.model_validate(settings))
         state = _State.model_validate(values)
         size = 2 * cls.stations

@@ -39,7 +39,18 @@ class StationNoise:
 
     @classmethod
     def of(cls, covariance_m2: FloatArray, force_std_n: float) -> "StationNoise":
-        """From the stations' covariance (2 k, 2 k). Raises LinAlgError where it is not positive definite."""
+        """Makes the noise from a covariance.
+
+        Args:
+            covariance_m2: (2 k, 2 k) covariance of the stations.
+            force_std_n: prior standard deviation of a force component in newtons.
+
+        Returns:
+            The noise with the inverse covariance.
+
+        Raises:
+            LinAlgError: the covariance is not positive definite.
+        """
         np.linalg.cholesky(covariance_m2)
         inverse = np.linalg.inv(covariance_m2)
         return cls(0.5 * (inverse + inverse.T), force_std_n)
@@ -57,7 +68,16 @@ def line_stations(points_m: FloatArray) -> FloatArray:
 
 
 def model_stations(model: RodModel, force_n: FloatArray, last: int = STATIONS) -> FloatArray:
-    """(2 last,): the ``last`` of these stations of ``model`` under ``force_n`` (2,); NaN without an equilibrium."""
+    """Computes the last stations of a model under a force.
+
+    Args:
+        model: the rod model.
+        force_n: (2,) force on the tip in newtons.
+        last: number of stations.
+
+    Returns:
+        (2 last,) x and y of each in metres; NaN without an equilibrium.
+    """
     shape = model.solve_static(force_n)
     if not shape.converged:
         return np.full(2 * last, np.nan)
@@ -65,12 +85,20 @@ def model_stations(model: RodModel, force_n: FloatArray, last: int = STATIONS) -
 
 
 def fit_force(model: RodModel, stations_m: FloatArray, noise: StationNoise) -> ForceFit:
-    """The force under which ``model`` has its stations where they were detected, as far as the noise allows.
+    """Fits the force under which a model has its stations where they were detected, as far as the noise allows.
 
-    Least is the squared misfit of the stations ``stations_m`` (2 k,) plus that of the force to its prior, a normal
-    distribution about 0. Levenberg-Marquardt from no force, so on the unloaded shape's branch; derivatives by
-    differences. Along a direction that does not move the stations the prior alone decides: there the force is 0 and the
-    covariance the prior's.
+    It minimises the squared misfit of the stations plus that of the force to its prior, a normal distribution about 0,
+    by Levenberg-Marquardt from no force, so on the unloaded shape's branch; derivatives by differences. Along a
+    direction that does not move the stations the prior alone decides: there the force is 0 and the covariance the
+    prior's.
+
+    Args:
+        model: the rod model.
+        stations_m: (2 k,) x and y of the detected stations in metres.
+        noise: noise of the stations, and the prior.
+
+    Returns:
+        The force with its covariance and the misfit.
     """
     last, prior = len(stations_m) // 2, noise.force_std_n**-2
     force = np.zeros(2)

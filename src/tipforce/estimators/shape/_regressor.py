@@ -117,6 +117,9 @@ class ShapeRegressor(CentrelineEstimator):
 
         Returns:
             The model: arrays by name, or anything that `model_state` can save.
+
+        Raises:
+            NotImplementedError: the method overrides neither `learn` nor `train`.
         """
         raise NotImplementedError(f"{type(self).__name__} must implement learn, or override train")
 
@@ -140,6 +143,9 @@ class ShapeRegressor(CentrelineEstimator):
         Args:
             rows: the table.
             report: called with a description of the current work and its share.
+
+        Returns:
+            The model, and the errors on samples that were held out.
         """
         folds, by_session = make_folds(rows.session, self.settings)
         held_out_n = np.empty_like(rows.truth_n)
@@ -170,6 +176,9 @@ class ShapeRegressor(CentrelineEstimator):
             features: number of features of a frame.
             targets: number of estimated forces.
 
+        Returns:
+            The model, as `learn` returned it.
+
         Raises:
             KeyError, TypeError, ValueError: the values and arrays are not those of a model.
         """
@@ -193,7 +202,7 @@ class ShapeRegressor(CentrelineEstimator):
         return self.fitted_
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Resolves the detection, trains, and finds the intervals by cross-validation.
+        """Resolves the detection, trains, and finds the intervals by cross-validation; see `Estimator.fit`.
 
         Raises:
             InputError: there are fewer than `MIN_SAMPLES` samples, drives that the data do not have, or images in which
@@ -244,7 +253,7 @@ class ShapeRegressor(CentrelineEstimator):
         return self
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Finds the intervals anew on ``dataset``, of whose sessions `fit` saw none; the forces stay as they are.
+        """Finds new intervals; the forces stay. See `Estimator.calibrate`.
 
         Raises:
             InputError: the catheter is found in none of its images.
@@ -330,7 +339,7 @@ class ShapeRegressor(CentrelineEstimator):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
-        """Makes a fitted method from the return values of `state`.
+        """Makes a fitted method from the return values of `state`; see `Estimator.from_state`.
 
         Raises:
             KeyError, TypeError, ValueError: the values and arrays are not those of the method.

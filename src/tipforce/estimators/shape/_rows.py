@@ -64,6 +64,12 @@ def gather_rows(
         dataset: the samples.
         report: called with the share that is done.
         shared: detection of all sessions, for a detector that is not resolved session by session.
+
+    Returns:
+        The rows of the samples, with the reasons for those left out.
+
+    Raises:
+        InputError: a sample has no force.
     """
     source = dataset.whole or dataset
     wanted = _needed(settings, dataset, source)
@@ -170,7 +176,12 @@ def _averaged(values: FloatArray, dataset: Dataset, width_ms: float) -> FloatArr
 
 
 def warn_of_sizes(dataset: Dataset, view: str) -> None:
-    """Warns where sessions differ in the size of their images, because shape numbers are in pixels."""
+    """Warns where sessions differ in the size of their images, because shape numbers are in pixels.
+
+    Args:
+        dataset: the samples.
+        view: name of the view.
+    """
     _, first = np.unique(dataset.session, return_index=True)
     found: dict[tuple[int, ...], str] = {}
     part = dataset.subset(np.sort(first))

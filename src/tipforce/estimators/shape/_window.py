@@ -19,7 +19,14 @@ class Window:
         self._past: deque[tuple[int, FloatArray]] = deque()
 
     def push(self, stamp_ns: int, row: FloatArray) -> FloatArray:
-        """Returns the window that ends with ``row``; its history is cleared after a gap, or if the time decreases.
+        """Returns the window that ends with a row; its history is cleared after a gap, or if the time decreases.
+
+        Args:
+            stamp_ns: stamp of the row.
+            row: (k,) features.
+
+        Returns:
+            (k * lags,) features of each lag.
 
         >>> window = Window(WindowSettings(lags_ms=(0, 20)))
         >>> [window.push(t * 10_000_000, np.array([float(t)])).tolist() for t in range(4)]

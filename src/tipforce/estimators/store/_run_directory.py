@@ -36,7 +36,12 @@ def load_initial_model(method: Estimator, start: str | None, *, resume: bool = F
 
 
 def initial_model_folder(method: Estimator, start: str) -> str:
-    """Returns the folder for ``start``: "pretrained" is the model of that method that comes with the program."""
+    """Returns the folder of an initial model.
+
+    Args:
+        method: the method that starts from it.
+        start: a folder, or "pretrained" for the model of this method that comes with the program.
+    """
     return f"pretrained/{method.name}" if start == "pretrained" and not (Path(start) / MANIFEST).is_file() else start
 
 

@@ -69,10 +69,22 @@ class Machines:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]], features: int, targets: int, parity_n: float) -> "Machines":
-        """Makes machines from `arrays`, for the given numbers of features and targets.
+        """Makes machines from `arrays`.
 
-        `evaluate` does not check these arrays: it would read beyond the ends of shorter ones. Raises KeyError and
-        ValueError.
+        `evaluate` does not check these arrays: it would read beyond the ends of shorter ones.
+
+        Args:
+            arrays: the arrays by name.
+            features: number k of features.
+            targets: number t of forces.
+            parity_n: largest deviation from scikit-learn in newtons.
+
+        Returns:
+            The machines.
+
+        Raises:
+            KeyError: an array is missing.
+            ValueError: an array has a wrong shape or value.
         """
         vectors = stored_array(arrays, "vectors", (None, features))
         ends = stored_array(arrays, "ends", (targets,), low=0, high=len(vectors)).astype(np.int64)
@@ -106,7 +118,21 @@ def evaluate(
     weights: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Thesis eq. (13) with eq. (15) for every target, into ``out`` (t,)."""
+    """Evaluates thesis eq. (13) with eq. (15) for every target.
+
+    Args:
+        raw: (k,) features.
+        shift: (k,) offset of the features.
+        scale: (k,) scale of the features.
+        vectors: (m, k) scaled support vectors of all targets, target after target.
+        dual: (m,) dual coefficients.
+        ends: (t,) index behind the last vector of each target.
+        intercept: (t,) intercepts.
+        gamma: (t,) 1 / sigma^2 of the kernel.
+        unit_n: (t,) newtons of one unit.
+        weights: (t, k) weights of the linear part of the kernel.
+        out: (t,) receives the forces in newtons.
+    """
     k = raw.shape[0]
     x = np.empty(k)
     for j in range(k):
@@ -127,13 +153,30 @@ def evaluate(
 
 
 def squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Returns (n, m) squared distances of ``a`` (n, k) and ``b`` (m, k)."""
+    """Returns the squared distances of all pairs of rows.
+
+    Args:
+        a: (n, k) scaled features.
+        b: (m, k) scaled features.
+
+    Returns:
+        (n, m).
+    """
     square = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2.0 * (a @ b.T)
     return np.maximum(square, 0.0)
 
 
 def gram(distances: FloatArray, products: FloatArray | None, sigma: float) -> FloatArray:
-    """Kernel matrix: thesis eq. (15) on squared distances, plus the linear part where there is one."""
+    """Computes the kernel matrix: thesis eq. (15), plus the linear part where there is one.
+
+    Args:
+        distances: (n, m) squared distances.
+        products: (n, m) weighted products of the features; None: no linear part.
+        sigma: width of the kernel.
+
+    Returns:
+        (n, m).
+    """
     kernel = np.exp(distances * (-1.0 / sigma**2))
     return kernel if products is None else kernel + products
 
@@ -155,6 +198,9 @@ def fit_machines(
         shift: (k,) offset of the features.
         scale: (k,) scale of the features.
         linear: (k,) weight of each scaled feature's products in the kernel; zeros for the kernel of the thesis.
+
+    Returns:
+        The machines, with their largest deviation from scikit-learn.
     """
     from sklearn.svm import SVR  # a slow import, which estimates do not need
 

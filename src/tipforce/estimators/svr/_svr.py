@@ -60,7 +60,7 @@ class Svr(ShapeRegressor):
     settings: SvrSettings
 
     def train(self, rows: Rows, report: Progress) -> Trained:
-        """Chooses the constants by cross-validation, and trains the machines on all rows."""
+        """Chooses the constants by cross-validation, and trains machines on all rows; see `ShapeRegressor.train`."""
         settings = self.settings
         shift, scale = scaling_of(rows.features, settings.scaling)
         linear = _linear_weights(settings, rows)

@@ -19,7 +19,14 @@ Report = Callable[[str, float], None]
 
 
 def scaling_of(raw: FloatArray, how: str) -> Scaling:
-    """Returns shift and scale (k,) so that scaled = (raw - shift) * scale; a constant zero stays zero.
+    """Returns the scaling of features: scaled = (raw - shift) * scale. A constant zero stays zero.
+
+    Args:
+        raw: (n, k) features.
+        how: "max": the largest absolute value becomes 1; otherwise mean 0 and standard deviation 1.
+
+    Returns:
+        Shift (k,) and scale (k,).
 
     >>> shift, scale = scaling_of(np.array([[0.0, -4.0], [0.0, 2.0]]), "max")
     >>> shift.tolist(), scale.tolist()

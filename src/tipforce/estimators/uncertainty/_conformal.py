@@ -90,6 +90,9 @@ class Interval:
             values: the JSON values.
             known: (3,) which components the method estimates.
 
+        Returns:
+            The intervals.
+
         Raises:
             KeyError, TypeError, ValueError: the values are no such intervals.
         """
@@ -226,7 +229,7 @@ def interval_from_errors(
     held_out: bool,
     sampling: str,
 ) -> Interval:
-    """As `conformal_interval`, in a unit of each sample's own, such as the standard deviation of its estimate.
+    """Finds intervals as `conformal_interval`, in a unit of each sample, such as its estimate's standard deviation.
 
     Args:
         known: (3,) which components are estimated.
@@ -237,6 +240,9 @@ def interval_from_errors(
         session: (n,) sessions.
         held_out: True where whole sessions were held out.
         sampling: how the samples were drawn otherwise.
+
+    Returns:
+        The intervals, in that unit.
     """
     sessions = len(set(session.tolist()))
     basis = interval_basis(sessions, held_out, sampling)
@@ -261,6 +267,10 @@ def wider_interval(own: Interval, initial: Interval) -> Interval:
     """Returns the larger half-widths of a fine-tuned model's interval and of the initial model's.
 
     Only components that ``own`` has are kept. The basis names the initial model where any of its half-widths is used.
+
+    Args:
+        own: intervals of the fine-tuned model.
+        initial: intervals of the initial model.
     """
     half = np.where(np.isnan(own.half_n), np.nan, np.fmax(own.half_n, initial.half_n))
     magnitude = max(own.magnitude_half_n, initial.magnitude_half_n)

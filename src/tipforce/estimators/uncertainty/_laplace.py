@@ -48,11 +48,14 @@ class LastLayerLaplace:
 
 
 def fit_laplace(features: npt.NDArray[Any], initial: LastLayerLaplace | None = None) -> LastLayerLaplace:
-    """Fit the posterior.
+    """Fits the posterior of the last layer.
 
     Args:
         features: (n, f) features of training images.
         initial: posterior of the network that this one was fine-tuned from, whose samples count, too.
+
+    Returns:
+        The posterior.
     """
     features = features.astype(np.float64)
     precision = features.T @ features + PRIOR_PRECISION * np.eye(features.shape[1])

@@ -52,9 +52,14 @@ def normalised_interval(
 
 
 def magnitude_sigma(force: FloatArray, covariance: FloatArray) -> float:
-    """Returns the standard deviation of the length of ``force`` (t,) from its ``covariance`` (t, t).
+    """Returns the standard deviation of the magnitude of a force. For a force near zero it is that of any direction.
 
-    For a force near zero it is that of any direction.
+    Args:
+        force: (t,) components in newtons.
+        covariance: (t, t) their covariance in N^2.
+
+    Returns:
+        The standard deviation in newtons.
     """
     any_direction = float(np.trace(covariance)) / len(force)
     square = float(force @ force) + any_direction

@@ -92,7 +92,12 @@ class OodDetector:
         return np.min([each.score(features) for each in self.distributions], axis=0)
 
     def abstention(self, stamp_ns: int, features: npt.NDArray[Any]) -> ForceEstimate | None:
-        """Returns an invalid estimate where ``features`` (1, d) are out of distribution, else None."""
+        """Returns an invalid estimate where an image is out of distribution, else None.
+
+        Args:
+            stamp_ns: stamp of the image.
+            features: (1, d) its features.
+        """
         score = self.score(features)[0]
         if score <= 1.0:
             return None
@@ -137,6 +142,9 @@ def fit_ood_detector(
         threshold_features: (m, d) features that set the threshold.
         initial: detector of the network that this one was fine-tuned from.
         ignored_directions: see `fit_feature_distribution`.
+
+    Returns:
+        The detector; its first distribution is that of ``training``.
     """
     own = fit_feature_distribution(training, threshold_features, ignored_directions)
     kept: tuple[FeatureDistribution, ...] = ()
@@ -157,6 +165,9 @@ def fit_feature_distribution(
         held_out: (m, d) features of held-out images, which set the threshold.
         ignored_directions: number of principal directions that are ignored, so that only the residual counts; for
             features that hold the estimated number in a few directions.
+
+    Returns:
+        The distribution with its threshold.
     """
     features = training.astype(np.float64)
     centre = features.mean(axis=0)

@@ -126,6 +126,9 @@ def fit_strata(
         force_n: (n,) measured magnitudes.
         session: (n,) sessions.
         unit_n: (n,) unit of the errors, such as each estimate's standard deviation; None: newtons.
+
+    Returns:
+        The ends of each stratum, by measured and by estimated force.
     """
     error = (force_n - estimate_n) / (1.0 if unit_n is None else unit_n)
     largest = float(np.quantile(force_n, LARGEST_FORCE_QUANTILE))

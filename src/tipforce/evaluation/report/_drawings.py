@@ -202,6 +202,9 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
         method: Label of the method.
         best: Label of the method whose agreement is at the head of the page.
         traces: Result of `traces_of`.
+
+    Returns:
+        The drawings in the order of the section.
     """
     number = [each.label for each in evaluation.methods].index(method)
     colour = METHOD_COLOURS[number % len(METHOD_COLOURS)]

@@ -29,11 +29,14 @@ _MIN_SAMPLES = 10
 
 
 def figure_bound(ratios: Mapping[str, Mapping[str, Any]], quantities: Sequence[str]) -> Figure:
-    """Errors over their Cramer-Rao bound, by contact angle and by force.
+    """Plots errors over their Cramer-Rao bound, by contact angle and by force.
 
     Args:
         ratios: Method -> kind of bound -> `bound_ratios`.
-        quantities: A row of panels for each.
+        quantities: Magnitude and components; each has a row of panels.
+
+    Returns:
+        The figure.
     """
 
     def draw(figure: Figure) -> None:
@@ -173,7 +176,15 @@ def kept_epoch(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def figure_training(rows: list[dict[str, Any]], label: str) -> Figure:
-    """Errors of the training and the validation part over the epochs, with the epoch that was kept."""
+    """Plots the errors of the training and the validation part over the epochs, and marks the epoch that was kept.
+
+    Args:
+        rows: Rows of the training log, errors in newtons.
+        label: Label of the method, for the title.
+
+    Returns:
+        The figure.
+    """
     epoch = np.array([row["epoch"] for row in rows])
     best = kept_epoch(rows)
 

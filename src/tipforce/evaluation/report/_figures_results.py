@@ -41,17 +41,20 @@ def figure_trace(
     width_in: float = WIDTH_IN,
     height_in: float = HEIGHT_IN,
 ) -> Figure:
-    """One session in time: reference, estimate, 90 % interval and where the method abstained; a panel a quantity.
+    """Plots one session in time: reference, estimate, 90 % interval and where the method abstained; a panel a quantity.
 
     The force window is marked in the panel of the magnitude.
 
     Args:
-        predictions: Of one method.
+        predictions: Predictions of one method for m samples.
         session: Name of the session.
-        truth_n: (m, 3) true force at ``predictions.index``, drawn beside the sensor's.
+        truth_n: (m, 3) true force at ``predictions.index`` in newtons, drawn beside the sensor's.
         quantities: Panels; None: all that the predictions have.
         width_in: Width in inches.
         height_in: Height in inches.
+
+    Returns:
+        The figure.
     """
     part = predictions.where(np.flatnonzero(predictions.session == session))
     part = part.where(np.argsort(part.stamp_ns, kind="stable")[:_TRACE])
@@ -98,7 +101,16 @@ def _truth_of(part: Predictions, truth_n: FloatArray, quantity: str) -> FloatArr
 
 
 def figure_scatter(predictions: Predictions, *, width_in: float = 5.6, height_in: float = 5.3) -> Figure:
-    """Estimated over measured magnitude of all test samples, with the identity line and the force window."""
+    """Plots estimated over measured magnitude of all test samples, with the identity line and the force window.
+
+    Args:
+        predictions: Predictions of one method.
+        width_in: Width in inches.
+        height_in: Height in inches.
+
+    Returns:
+        The figure.
+    """
     reference, estimate, _ = predictions.column("magnitude")
     largest = max(float(np.nanmax(estimate, initial=0.0)), float(np.max(reference, initial=0.0)))
     top = max(1.04 * largest, 1.1 * LIMIT_N)
@@ -132,11 +144,14 @@ def _step(top: float) -> float:
 
 
 def figure_bland_altman(predictions: Predictions, agreement: Mapping[str, Any]) -> Figure:
-    """Difference (estimated - measured) over the mean of both, with the bias and the 95 % limits of agreement.
+    """Plots the difference (estimated - measured) over the mean of both, with bias and 95 % limits of agreement.
 
     Args:
         predictions: Predictions of one method.
         agreement: Result of `bland_altman` for their magnitude.
+
+    Returns:
+        The figure.
     """
     reference, estimate, _ = predictions.column("magnitude")
     use = predictions.valid
@@ -178,14 +193,17 @@ def figure_coverage(
     *,
     width_in: float = WIDTH_IN,
 ) -> Figure:
-    """Coverage of the 90 % intervals by stratum, with 95 % confidence intervals; below, the samples of each stratum.
+    """Plots the coverage of the 90 % intervals by stratum, with 95 % confidence intervals; below, the samples of each.
 
     Args:
         strata: Method -> result of `coverage_by_stratum`.
         unit: Unit of the strata, ``n`` or ``deg``.
-        axis_label: Of the strata.
-        title: Of the figure.
+        axis_label: Label of the axis of the strata.
+        title: Title of the figure.
         width_in: Width in inches.
+
+    Returns:
+        The figure.
     """
     names = sorted({(each[f"from_{unit}"], each[f"below_{unit}"]) for parts in strata.values() for each in parts})
 
@@ -227,13 +245,16 @@ def figure_coverage(
 def figure_retention(
     curves: Mapping[str, Mapping[str, Any]], constant: str, title: str, *, width_in: float = WIDE_IN
 ) -> Figure:
-    """Mean error of the answers that are kept over the share of the samples left out, the least certain ones first.
+    """Plots the mean error of the kept estimates over the share of the samples left out, the least certain ones first.
 
     Args:
         curves: Method -> result of `retention`.
         constant: Name among them of the constant predictor, which is drawn in grey.
-        title: Of the figure.
+        title: Title of the figure.
         width_in: Width in inches.
+
+    Returns:
+        The figure.
     """
 
     def draw(figure: Figure) -> None:
@@ -270,12 +291,15 @@ def _signed(newtons: float) -> str:
 
 
 def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[str]) -> Figure:
-    """Bars of the MAE by protocol, with a dot for each session.
+    """Plots bars of the MAE by protocol, with a dot for each session.
 
     Args:
         maes: Method -> protocol -> (1 + sessions,) in newtons: over all samples, then session by session. The constant
             predictor (named ``constant``) is drawn in grey.
-        protocols: In the order of the bars.
+        protocols: Names of the protocols in the order of the bars.
+
+    Returns:
+        The figure.
     """
     methods = list(maes)
     top = max(float(np.nanmax(values, initial=0.0)) for groups in maes.values() for values in groups.values())
@@ -387,15 +411,18 @@ _SESSIONS_NARROW = 9
 def figure_sessions(
     title: str, names: Sequence[str], mae_n: FloatArray, constant_n: FloatArray, coverage: FloatArray, colour: str
 ) -> Figure:
-    """Error and coverage session by session.
+    """Plots error and coverage session by session.
 
     Args:
-        title: Of the figure.
-        names: Of the sessions.
-        mae_n: (sessions,) of the method.
-        constant_n: (sessions,) MAE of the constant predictor.
+        title: Title of the figure.
+        names: Names of the sessions.
+        mae_n: (sessions,) MAE of the method in newtons.
+        constant_n: (sessions,) MAE of the constant predictor in newtons.
         coverage: (sessions,) share of the forces inside the 90 % interval.
-        colour: Of the method.
+        colour: Colour of the method, "#rrggbb".
+
+    Returns:
+        The figure.
     """
 
     def draw(figure: Figure) -> None:

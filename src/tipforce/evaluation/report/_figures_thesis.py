@@ -21,7 +21,15 @@ _TILE_PX = 300
 
 
 def figure_23a(predictions: Predictions, *, width_in: float = WIDTH_IN) -> Figure:
-    """Error in percent of the true value over the test samples (thesis fig. 23a)."""
+    """Plots the error in percent of the true value over the test samples (thesis fig. 23a).
+
+    Args:
+        predictions: Predictions of one method.
+        width_in: Width in inches.
+
+    Returns:
+        The figure.
+    """
     percent = percent_of_true(predictions.reference_magnitude_n, predictions.magnitude_n)
 
     def draw(figure: Figure) -> None:
@@ -175,9 +183,15 @@ def figure_32(predictions: Predictions) -> Figure:
 
 
 def sample_sheet(dataset: Dataset, predictions: Predictions, view: str) -> Image | None:
-    """Twelve images spread over the test samples (thesis fig. 30), as they come; None where ``view`` has none.
+    """Shows twelve unchanged images, spread over the test samples (thesis fig. 30).
 
-    A view of another name is taken where a sample has only that one.
+    Args:
+        dataset: The evaluated data.
+        predictions: Predictions of one method; its test samples are shown.
+        view: Name of the view; the only view of a sample replaces it where it has another name.
+
+    Returns:
+        The sheet (h, w, 3); None where there is no image.
     """
     chosen = predictions.index[
         np.unique(np.linspace(0, len(predictions) - 1, min(_SAMPLES, len(predictions))).round().astype(int))

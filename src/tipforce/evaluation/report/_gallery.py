@@ -38,6 +38,9 @@ def worst_frames(evaluation: Evaluation, method: str, worst: int = 8, abstained:
         method: Label of the method.
         worst: Largest number of errors, largest first, at least a second apart.
         abstained: Largest number of frames without an estimate that follow.
+
+    Returns:
+        A card for each frame, the errors before the abstentions.
     """
     result = evaluation.result(method, evaluation.strictest)
     assert result is not None

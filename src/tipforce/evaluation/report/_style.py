@@ -107,9 +107,12 @@ def make_figure(
 
     Args:
         draw: Fills the figure.
-        title: In bold above it; an empty one takes no space.
-        width_in: Width; an inch is 72 pixels of the page.
-        height_in: Height.
+        title: Title in bold above it; an empty one takes no space.
+        width_in: Width in inches; an inch is 72 pixels of the page.
+        height_in: Height in inches.
+
+    Returns:
+        The figure.
     """
     with matplotlib.rc_context(_RC):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
@@ -130,7 +133,12 @@ def to_svg(figure: Figure) -> str:
 
 
 def page_svg(svg: str, title: str) -> str:
-    """Returns ``svg`` for the inside of a page, which gives it its width; ``title`` is read out by screen readers."""
+    """Returns an SVG for the inside of a page, which gives it its width.
+
+    Args:
+        svg: The SVG document.
+        title: Text that screen readers read out.
+    """
     body = re.sub(r' (width|height)="[\d.]+pt"', "", svg, count=2)
     body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.S)
     return body.replace("<svg ", f'<svg role="img" aria-label="{_escaped(title)}" ', 1)
@@ -143,7 +151,16 @@ def standalone_svg(svg: str) -> str:
 
 
 def drawing_of(slug: str, caption: str, figure: Figure) -> Drawing:
-    """Makes a drawing of a figure."""
+    """Makes a drawing of a figure.
+
+    Args:
+        slug: Name of its file, without the ending.
+        caption: Text below it.
+        figure: The figure.
+
+    Returns:
+        The drawing, as a part of a page and as a file.
+    """
     svg = to_svg(figure)
     width_in = float(figure.get_figwidth())
     drawn = page_svg(svg, caption), standalone_svg(svg)
@@ -151,7 +168,16 @@ def drawing_of(slug: str, caption: str, figure: Figure) -> Drawing:
 
 
 def image_drawing(slug: str, caption: str, image: Image) -> Drawing:
-    """Makes a drawing of an image (h, w, 3) as it is."""
+    """Makes a drawing of an image.
+
+    Args:
+        slug: Name of its file, without the ending.
+        caption: Text below it.
+        image: (h, w, 3), not changed.
+
+    Returns:
+        The drawing, as a part of a page and as a file.
+    """
     height, width = image.shape[:2]
     svg = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">'
@@ -168,7 +194,12 @@ def jpeg_uri(image: Image) -> str:
 
 
 def grams_axis(axes: Axes, which: str = "y") -> None:
-    """Adds a second scale in gram-force opposite the one in newtons."""
+    """Adds a second scale in gram-force opposite the one in newtons.
+
+    Args:
+        axes: The plot.
+        which: "y" or "x", the axis in newtons.
+    """
     pair: Any = (newtons_to_grams, grams_to_newtons)
     if which == "y":
         side = axes.secondary_yaxis("right", functions=pair)
@@ -217,7 +248,12 @@ _BELOW, _ABOVE = "#e69f00", "#cc3311"
 
 
 def legend_above(axes: Axes, columns: int = 4) -> None:
-    """Puts the legend above the plot, where it hides nothing."""
+    """Puts the legend above the plot, where it hides nothing.
+
+    Args:
+        axes: The plot.
+        columns: Number of its columns.
+    """
     axes.legend(
         loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns, borderaxespad=0.2, columnspacing=1.2,
         handlelength=1.5, handletextpad=0.5,
@@ -225,7 +261,14 @@ def legend_above(axes: Axes, columns: int = 4) -> None:
 
 
 def mark_line(axes: Axes, value: float, text: str, vertical: bool = False) -> None:
-    """Draws a dashed reference line with its name in the legend."""
+    """Draws a dashed reference line with its name in the legend.
+
+    Args:
+        axes: The plot.
+        value: Position of the line, in the unit of its axis.
+        text: Name of the line.
+        vertical: Whether the line is vertical.
+    """
     line = axes.axvline if vertical else axes.axhline
     line(value, color=COLOURS["line"], linestyle=(0, (4, 3)), linewidth=1.2, label=text)
 

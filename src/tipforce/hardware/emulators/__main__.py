@@ -71,7 +71,14 @@ def _image(bend: float) -> Image:
 def main(folder: Path, loss: float = 0.0, reorder: float = 0.0, fps: float = 30.0, seconds: float = math.inf) -> None:
     """Starts a camera, a Net F/T box, a GRBL stage and an encoder, and writes FOLDER/bench.toml for them.
 
-    LOSS and REORDER are the shares of the force packets that are lost or late. It runs until Ctrl-C, or for SECONDS.
+    It runs until Ctrl-C, or for SECONDS.
+
+    Args:
+        folder: the folder of ``bench.toml`` and of the devices' serial ports.
+        loss: share of the force packets that are lost, 0 to 1.
+        reorder: share of the force packets that come late, 0 to 1.
+        fps: images per second of the camera.
+        seconds: duration in s.
     """
     folder = folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)

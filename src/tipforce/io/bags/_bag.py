@@ -152,6 +152,9 @@ def open_bag(path: Path, info: SessionInfo, *, images: bool = True) -> Bag:
         info: metadata of the session; ``bag`` states the topics.
         images: whether the images are wanted, too.
 
+    Returns:
+        The bag with its forces and drives; its remarks state the choices.
+
     Raises:
         FileFormatError: it cannot be read, or has no images.
         InputError: topics are not clear; the message has the line of ``bench.toml`` that chooses.

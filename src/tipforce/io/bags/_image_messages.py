@@ -79,7 +79,18 @@ def _rows(content: Any, width_bytes: int, height: int, where: str) -> "np.ndarra
 
 
 def png_of_16_bits(content: Any, where: str) -> bytes:
-    """Encodes a grey image of 16 bits as PNG, so that it is read like other images with more than 8 bits."""
+    """Encodes a grey image of 16 bits as PNG, so that it is read like other images with more than 8 bits.
+
+    Args:
+        content: the fields of a sensor_msgs/Image with one channel of 16 bits.
+        where: the bag and the topic, for the message.
+
+    Returns:
+        The encoded image.
+
+    Raises:
+        FileFormatError: the image's bytes do not fit its size.
+    """
     rows = _rows(content, 2 * int(content.width), int(content.height), where)
     pixels = rows.view(">u2" if content.is_bigendian else "<u2").astype(np.uint16)
     return cv2.imencode(".png", pixels)[1].tobytes()

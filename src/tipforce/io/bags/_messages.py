@@ -56,9 +56,14 @@ def topics_of(path: Path) -> dict[str, Topic]:
 
 
 def messages(path: Path, names: Sequence[str]) -> Iterator[tuple[str, BagMessage]]:
-    """Yields topic and message of all messages of the topics ``names``, in the order in which they were received.
+    """Yields topic and message of all messages of some topics, in the order in which they were received.
 
-    Raises FileFormatError where a message is not of its type.
+    Args:
+        path: the bag.
+        names: names of the topics.
+
+    Raises:
+        FileFormatError: a message is not of its type.
     """
     with _opened(path) as reader:
         chosen = [connection for connection in reader.connections if connection.topic in names]

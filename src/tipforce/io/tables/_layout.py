@@ -75,7 +75,15 @@ class Layout:
 
 
 def open_text(path: Path, encoding: str) -> IO[str]:
-    """Opens ``path`` as text; bytes that the encoding does not have are replaced."""
+    """Opens a text file; bytes that the encoding does not have are replaced.
+
+    Args:
+        path: the file.
+        encoding: name of the encoding, as Python names it.
+
+    Returns:
+        The open file; line ends of all systems are read.
+    """
     return path.open(encoding=encoding, errors="replace", newline=None)
 
 
@@ -112,7 +120,12 @@ def encoding_of(path: Path) -> str:
 
 
 def holds_data(line: str, comments: bool) -> bool:
-    """Whether a line is neither blank nor a comment."""
+    """Returns whether a line is neither blank nor a comment.
+
+    Args:
+        line: the line.
+        comments: whether a line that begins with # is a comment.
+    """
     return bool(line.strip()) and not (comments and line.lstrip().startswith("#"))
 
 
@@ -154,6 +167,9 @@ def text_layout(path: Path, *, comments: bool, log: LogInfo | None, key: str) ->
         comments: whether lines that begin with # are skipped.
         log: description of a log, which may have lines above its header; None for a table that begins with its header.
         key: section of ``log`` in ``bench.toml``, for messages.
+
+    Returns:
+        Header, separator, decimal sign, encoding and the lines above the header.
 
     Raises:
         FileFormatError: the file is no text.
@@ -206,7 +222,21 @@ def _alternatives(
 
 
 def cells_layout(path: Path, rows: Rows, log: LogInfo | None, key: str) -> Layout:
-    """Finds the format of a table of cells: ``rows`` are its first ones; see `text_layout`."""
+    """Finds the header of a table of cells.
+
+    Args:
+        path: the file, for messages.
+        rows: its first rows.
+        log: see `text_layout`.
+        key: see `text_layout`.
+
+    Returns:
+        Header and the rows above it.
+
+    Raises:
+        FileFormatError: there is no row.
+        TableError: the header cannot be determined.
+    """
     if not rows:
         raise FileFormatError(f"{path}: holds no table")
     return _layout(path, {CELLS: list(rows)}, CELLS, log, key)

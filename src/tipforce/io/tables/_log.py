@@ -364,6 +364,9 @@ def open_log(path: Path, info: LogInfo, key: str) -> Log:
         info: description of the log.
         key: section of ``info`` in ``bench.toml``, for messages.
 
+    Returns:
+        The table with the times of its rows in nanoseconds.
+
     Raises:
         FileFormatError: the file is no table.
         TableError: the times cannot be read; the message names line and column.

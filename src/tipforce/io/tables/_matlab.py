@@ -42,6 +42,9 @@ def open_variables(path: Path, log: LogInfo, key: str) -> ColumnTable:
         log: description of the log.
         key: section of ``log`` in ``bench.toml``, for messages.
 
+    Returns:
+        The table of the longest vectors, at least two rows.
+
     Raises:
         FileFormatError: the file is not of MATLAB, or holds an object of a class (a table, a timetable).
         TableError: it has no columns, or ``log.columns`` does not fit.

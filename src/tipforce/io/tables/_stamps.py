@@ -134,6 +134,9 @@ def numbers_ns(path: Path, values: FloatArray | IntArray, unit: TimeUnit, remedy
         unit: unit of the times.
         remedy: the advice in the message.
 
+    Returns:
+        (n,) times in ns.
+
     Raises:
         TimeError: no recording can hold them.
     """
@@ -145,7 +148,17 @@ def numbers_ns(path: Path, values: FloatArray | IntArray, unit: TimeUnit, remedy
 def held(
     path: Path, values: IntArray | FloatArray, factor: int, remedy: str = "check the unit of its times"
 ) -> IntArray:
-    """Returns ``values`` times ``factor`` in whole nanoseconds. Raises TimeError where no recording can hold them."""
+    """Returns times in whole nanoseconds.
+
+    Args:
+        path: the file, for the message.
+        values: (n,) times.
+        factor: length of their unit in ns.
+        remedy: the advice in the message.
+
+    Raises:
+        TimeError: no recording can hold them: they are past the year 2038.
+    """
     most_s = float(np.abs(values).max()) * factor * 1e-9 if len(values) else 0.0
     if most_s >= MAX_STAMP_S:
         raise TimeError(f"{path}: holds a time of {most_s:.4g} s, past the year 2038; {remedy}")

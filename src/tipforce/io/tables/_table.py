@@ -115,9 +115,14 @@ class Table:
         return [self._cell(row, line, column) for line, row in self._rows]
 
     def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray:
-        """Returns a column (n,) of finite numbers; NaN for an empty cell where that is allowed.
+        """Returns a column (n,) of finite numbers.
 
-        Raises TableError with line and column of a cell that holds no number.
+        Args:
+            name: the column's name.
+            may_be_empty: whether an empty cell is allowed; it is NaN then.
+
+        Raises:
+            TableError: a cell holds no number; the message names line and column.
         """
         if not may_be_empty:
             return self.matrix([name])[:, 0]

@@ -36,7 +36,7 @@ class PageSink:
         self._recent: deque[Point] = deque(maxlen=RECENT_POINTS)
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Shows the names of session and model on the pages."""
+        """Shows the names of session and model on the pages; see `Sink.start`."""
         self._hub.change(model=model, session=info.name, simulated=info.simulated)
 
     def put(self, update: LiveUpdate) -> None:
@@ -130,6 +130,9 @@ def serve(
         port: port to listen on; 0: any free port.
         token: required from a browser; None: none is required on this machine, and a random one otherwise.
         settings: clock, force window and limit, and the rights of the page.
+
+    Returns:
+        The running server.
 
     Raises:
         InputError: the server cannot listen there, or ``token`` is too short.

@@ -52,7 +52,7 @@ class FoxgloveServer:
         self._channels: dict[str, Any] = {}
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Begins to listen. Raises OSError if the port is in use."""
+        """Begins to listen; see `Sink.start`. Raises OSError if the port is in use."""
         self._session, self._model = info, model
         foxglove = self._foxglove
         self._context, self._channels = foxglove.Context(), {}

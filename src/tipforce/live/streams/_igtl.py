@@ -59,7 +59,7 @@ class OpenIGTLink:
         self._taken_s = 0.0
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Connects to the server. Raises OSError if no server answers."""
+        """Connects to the server; see `Sink.start`. Raises OSError if no server answers."""
         self._session, self._model = info, model
         self._socket = socket.create_connection(self._target, TIMEOUT_S)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -43,7 +43,7 @@ class JsonUdp:
         self._socket: socket.socket | None = None
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Looks up the receiver. Raises OSError if its name is unknown."""
+        """Looks up the receiver; see `Sink.start`. Raises OSError if its name is unknown."""
         self._session, self._model = info, model
         family, kind, protocol, _, self._to = socket.getaddrinfo(*self._target, type=socket.SOCK_DGRAM)[0]
         self._socket = socket.socket(family, kind, protocol)
@@ -106,7 +106,7 @@ class JsonWebSocket:
         self._clients = 0
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Begins to listen. Raises OSError if the port is in use."""
+        """Begins to listen; see `Sink.start`. Raises OSError if the port is in use."""
         self._session, self._model = info, model
         self._open = True
         self._server = OriginServer(*self._target, self._serve, origins=self._origins)

@@ -50,7 +50,7 @@ class LabStreamingLayer:
         self._outlet: Any = None
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Announces the stream."""
+        """Announces the stream; see `Sink.start`."""
         lsl = self._lsl
         described = lsl.StreamInfo(
             self._stream, "Force", len(CHANNELS), lsl.IRREGULAR_RATE, "double64", source_id=f"tipforce-{self._stream}"

@@ -38,7 +38,7 @@ class RecordingSink:
         self._zeros = 0
 
     def start(self, info: SessionInfo, model: str) -> None:
-        """Creates the file. Raises InputError if it exists already or cannot be written."""
+        """Creates the file; see `Sink.start`. Raises InputError if it exists already or cannot be written."""
         self._writer = RecordingWriter(self._path, info, origin="live")
         self._writer.note("tipforce.live", {"model": model})
         self._last_ns, self._zero_ns, self._zeros = -1, None, 0

@@ -125,6 +125,9 @@ def may_continue(image: Raster, spline: Spline, tip: float, half: float, least: 
         tip: arc length of the tip in px.
         half: half of the shaft's width in px.
         least: smallest mean difference across a flank, in grey levels.
+
+    Returns:
+        True where a flank separates two grey levels, so that the shaft may continue.
     """
     arc = _arc_beyond(spline, tip, half)
     clear = max(0.2 * half, 1.0)
@@ -222,6 +225,9 @@ def count_solid(stations: np.ndarray, n: int, half: float) -> int:
         stations: (k, 6) array of stations.
         n: number of stations.
         half: half of the shaft's width in px.
+
+    Returns:
+        Number of the stations that stay.
     """
     first = max(n - 4, 6)
     for i in range(first, n):

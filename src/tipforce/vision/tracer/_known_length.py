@@ -213,7 +213,18 @@ def _follow_to(
 
 @fast
 def continues_beyond(stations: np.ndarray, n: int, goal: float, give: float, half: float) -> bool:
-    """Whether the shaft was traced beyond the arc length where it must end, at full contrast and without a break."""
+    """Tests whether the shaft was traced beyond the arc length where it must end, at full contrast and without a break.
+
+    Args:
+        stations: (k, 6) array of stations.
+        n: number of stations.
+        goal: arc length of the tip in px, by the known length.
+        give: tolerance of ``goal`` in px.
+        half: half of the shaft's width in px.
+
+    Returns:
+        True where it continues, so that the known length does not fit.
+    """
     first, past = goal - give - half, goal + give + MAX_EXCESS_RADII * half
     if n == 0 or stations[n - 1, ARC] < past:
         return False
@@ -232,10 +243,22 @@ def find_tip_at_length(
     image: Raster, template: np.ndarray, half: float, goal: float, give: float, ahead: float, buffers: FitBuffers,
     work: np.ndarray, stations: np.ndarray, n: int,
 ) -> TipAtLength:  # fmt: skip
-    """Follows the shaft from its station ``n`` - 1 to where it must end: arc length ``goal``, within ``give``.
+    """Follows the shaft from its last station to where it must end.
 
-    ``template``: of the tip, empty if unknown. ``ahead``: length in px that the spline extends beyond the last
-    station, less 6. ``work``: of `KNOWN_LENGTH_SIZE`.
+    Args:
+        image: the frame.
+        template: (`TEMPLATE_ROWS`, `TEMPLATE_COLUMNS` x channels) grey levels of the tip; empty if unknown.
+        half: half of the shaft's width in px.
+        goal: arc length of the tip in px, by the known length.
+        give: tolerance of ``goal`` in px.
+        ahead: length in px that the spline extends beyond the last station, less 6.
+        buffers: working memory of the fit.
+        work: working memory of `KNOWN_LENGTH_SIZE` numbers.
+        stations: (k, 6) array of stations; new ones are added.
+        n: number of stations.
+
+    Returns:
+        The tip, and the spline of the stations up to it.
     """
     while n > 6 and stations[n - 1, ARC] > goal - give - half:
         n -= 1

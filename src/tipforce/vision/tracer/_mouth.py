@@ -188,7 +188,17 @@ def find_mouths(images: Sequence[Image], side: BaseSide, diameter: float) -> lis
 
 
 def base_box(mouth: Mouth, side: BaseSide, diameter: float, size: tuple[int, int]) -> Box:
-    """Returns the base region just beyond ``mouth`` in an image of ``size`` (h, w), whose line at ``side`` cuts it."""
+    """Returns the base region just beyond the mouth of a thicker tube, so that the base line cuts the thin tube.
+
+    Args:
+        mouth: the mouth.
+        side: border of the image from which the catheter enters.
+        diameter: diameter of the thin tube in px.
+        size: (h, w) of the image in px.
+
+    Returns:
+        Left, top, right and bottom in px, inside the image.
+    """
     rows, columns = size
     near, far = math.ceil(mouth.depth), math.ceil(mouth.depth + 3.0 * diameter)
     low, high = math.floor(mouth.along - 1.6 * diameter), math.ceil(mouth.along + 1.6 * diameter)

@@ -51,13 +51,25 @@ def _grey256(pixels: np.ndarray, channels: int, i: int) -> Any:
 
 @fast
 def grey_at(image: Raster, u: int, v: int) -> float:
-    """Returns the grey level of one pixel."""
+    """Returns the grey level of one pixel.
+
+    Args:
+        image: the frame.
+        u: column.
+        v: row.
+    """
     return _grey256(image.pixels, image.channels, v * image.row + u * image.channels) / 256.0
 
 
 @fast
 def grey_between(image: Raster, u: float, v: float) -> float:
-    """Returns the grey level at (u, v), bilinear; the point must be left of the last column and above the last row."""
+    """Returns the grey level between pixels, bilinear.
+
+    Args:
+        image: the frame.
+        u: position in px, left of the last column.
+        v: position in px, above the last row.
+    """
     pixels, row, channels = image.pixels, image.row, image.channels
     iu = int(u)
     iv = int(v)
@@ -75,7 +87,14 @@ def grey_between(image: Raster, u: float, v: float) -> float:
 
 @fast
 def colour_between(image: Raster, channel: int, u: float, v: float) -> float:
-    """Returns one channel at (u, v), bilinear; see `grey_between`."""
+    """Returns one channel between pixels, bilinear.
+
+    Args:
+        image: the frame.
+        channel: number of the channel, below ``image.channels``.
+        u: see `grey_between`.
+        v: see `grey_between`.
+    """
     pixels, row, channels = image.pixels, image.row, image.channels
     iu = int(u)
     iv = int(v)
@@ -126,10 +145,20 @@ def edge_near(
 ) -> tuple[float, float]:
     """Finds the edge of a profile with sub-pixel accuracy.
 
-    ``profile[:n]`` runs outward in steps of 1 px from ``first``. The steepest step within ``reach`` of ``expected``
-    counts, nearer ones are preferred, rises (the wrong direction) have the weight ``other_way``. The edge is where
-    the profile crosses the level half-way between its two sides. Returns (position, drop of grey level); drop is
-    negative for a rise, 0 where there is no edge.
+    The steepest step counts; nearer ones are preferred. The edge is where the profile crosses the level half-way
+    between its two sides.
+
+    Args:
+        profile: grey levels outward in steps of 1 px.
+        n: number of values in ``profile`` that count.
+        first: position of the first value in px.
+        expected: expected position of the edge in px.
+        reach: largest distance from ``expected`` in px.
+        narrow: whether the shaft is narrow, so that steps are taken between fewer pixels.
+        other_way: weight of rises (the wrong direction), 0 to 1.
+
+    Returns:
+        Position in px and drop of grey level; the drop is negative for a rise, 0 where there is no edge.
     """
     best = 0.0
     at = -1
@@ -192,10 +221,22 @@ def measure_pair(
     reach: float,
     scratch: np.ndarray,
 ) -> tuple[float, float, float, float]:
-    """Measures both flanks of a shaft across (u, v), along the unit vector (nu, nv), expected at ``half`` px.
+    """Measures both flanks of a shaft on a line across it.
 
-    Returns (position, drop) of the flank on the side of -n, then of the one on the side of +n; positions count
-    outward. ``sign``: +1 for a light shaft, -1 for a dark one; drops are positive for a shaft of that kind.
+    Args:
+        image: the frame.
+        sign: +1 for a light shaft, -1 for a dark one.
+        u: position on the axis in px.
+        v: position on the axis in px.
+        nu: unit vector n of the line across, along u.
+        nv: unit vector n of the line across, along v.
+        half: expected distance of the flanks from (u, v) in px.
+        reach: largest deviation from ``half`` in px.
+        scratch: (k,) buffer of a profile.
+
+    Returns:
+        Position in px, outward, and drop in grey levels of the flank on the side of -n, then of the one on the side of
+        +n; drops are positive for a shaft of this ``sign``.
     """
     narrow = half < 3.5
     first, n = _reach_of(half, reach)
@@ -231,10 +272,19 @@ def _prefetch(_: Any, pixels: Any, i: Any) -> Any:
 
 @fast
 def prefetch_pair(image: Raster, u: float, v: float, nu: float, nv: float, half: float, reach: float) -> None:
-    """Starts to load the pixels that `measure_pair` reads there; they may be outside the image.
+    """Starts to load the pixels that `measure_pair` reads for the same arguments; they may be outside the image.
 
     Frames come from main memory, about 100 ns away. Without this a frame of 640 x 480 takes about 10 % longer, one of
     1280 x 1024 about 20 % (docs/log.md).
+
+    Args:
+        image: the frame.
+        u: position on the axis in px.
+        v: position on the axis in px.
+        nu: unit vector of the line across, along u.
+        nv: unit vector of the line across, along v.
+        half: expected distance of the flanks in px.
+        reach: largest deviation from ``half`` in px.
     """
     first, n = _reach_of(half, reach)
     for j in range(n):

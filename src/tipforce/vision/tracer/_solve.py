@@ -121,6 +121,9 @@ def solve_shaft(
         stations: (`STATIONS`, 6) array that is filled.
         points: (k, 2) array that receives the centreline, u, v in px.
         work: working memory of `WORK_SIZE` + 2 k numbers.
+
+    Returns:
+        The fit; its `END_` constant states why the trace ended.
     """
     image, candidate = Raster(*frame), Candidate(*entry)
     sign, max_gap, known_length, give = candidate.sign, candidate.max_gap, candidate.length, candidate.tolerance

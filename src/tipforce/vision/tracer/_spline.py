@@ -53,7 +53,15 @@ def _basis(t: float) -> tuple[float, float, float, float]:
 
 @fast
 def spline_at(spline: Spline, s: float) -> tuple[float, float, float, float]:
-    """Returns u, v, du/ds, dv/ds at the arc length ``s``."""
+    """Evaluates a spline.
+
+    Args:
+        spline: the curve.
+        s: arc length in px.
+
+    Returns:
+        u, v in px and du/ds, dv/ds.
+    """
     coefficients, intervals, length = spline.coefficients, spline.intervals, spline.length
     x = s / length * intervals
     k = int(x)
@@ -80,10 +88,18 @@ def spline_at(spline: Spline, s: float) -> tuple[float, float, float, float]:
 
 @fast
 def fit_spline(spline: Spline, stations: np.ndarray, n: int, band: np.ndarray, weights: np.ndarray) -> float:
-    """Fills the coefficients of ``spline``; returns the weighted RMS distance of the stations in px.
+    """Fits the coefficients of a spline to stations by weighted least squares.
 
-    ``stations`` (n, 6). ``weights`` (n,): the ones to use; on return those for a further round, smaller where a
-    station is off the curve. ``band``: buffer.
+    Args:
+        spline: the curve; its coefficients are filled.
+        stations: (k, 6) array of stations.
+        n: number of stations.
+        band: (spline.intervals + 3, 4) buffer, or longer.
+        weights: (n,) weights of the stations; on return those for a further round, smaller where a station is off the
+            curve.
+
+    Returns:
+        Weighted RMS distance of the stations in px.
     """
     coefficients, intervals, length = spline.coefficients, spline.intervals, spline.length
     m = intervals + 3
@@ -155,7 +171,18 @@ def fit_spline(spline: Spline, stations: np.ndarray, n: int, band: np.ndarray, w
 
 @fast
 def fit_axis(stations: np.ndarray, n: int, half: float, length: float, buffers: FitBuffers) -> tuple[Spline, float]:
-    """Fits a spline over [0, ``length``] to ``n`` stations of a shaft of radius ``half``; returns it and its RMS."""
+    """Fits a spline to the stations of a shaft.
+
+    Args:
+        stations: (k, 6) array of stations.
+        n: number of stations.
+        half: half of the shaft's width in px, which sets the number of intervals.
+        length: the spline is over [0, ``length``] in px.
+        buffers: working memory; it holds the coefficients.
+
+    Returns:
+        The spline and the weighted RMS distance of the stations in px.
+    """
     intervals = int(min(max(length / max(2.4 * half, 8.0), 6.0), 80.0))
     spline = Spline(buffers.coefficients, intervals, length)
     for i in range(n):
@@ -166,7 +193,16 @@ def fit_axis(stations: np.ndarray, n: int, half: float, length: float, buffers: 
 
 @fast
 def axis_at(spline: Spline, straight: float, s: float) -> tuple[float, float, float, float]:
-    """Returns the same as `spline_at`, but the curve is straight beyond ``straight``."""
+    """Evaluates a spline as `spline_at`, but straight beyond a point.
+
+    Args:
+        spline: the curve.
+        straight: arc length in px beyond which the curve follows its tangent.
+        s: arc length in px.
+
+    Returns:
+        u, v in px and du/ds, dv/ds.
+    """
     u, v, du, dv = spline_at(spline, min(s, straight))
     over = max(0.0, s - straight)
     return u + over * du, v + over * dv, du, dv
@@ -174,10 +210,20 @@ def axis_at(spline: Spline, straight: float, s: float) -> tuple[float, float, fl
 
 @fast
 def resample(spline: Spline, first: float, last: float, straight: float, work: np.ndarray, out: np.ndarray) -> float:
-    """Fills ``out`` (n, 2) with points from ``first`` to ``last``, uniform in arc length; returns that length.
+    """Samples a spline uniformly in arc length.
 
-    Beyond ``straight`` the curve follows its tangent: in its round tip the shaft has no curvature of its own. ``work``:
-    buffer.
+    In its round tip the shaft has no curvature of its own, so the curve follows its tangent there.
+
+    Args:
+        spline: the curve.
+        first: arc length of the first point in px.
+        last: arc length of the last point in px.
+        straight: arc length in px beyond which the curve follows its tangent.
+        work: (m,) buffer; the length is integrated in m - 1 steps.
+        out: (n, 2) array that receives the points u, v in px.
+
+    Returns:
+        Length from the first to the last point in px.
     """
     n = out.shape[0]
     m = work.shape[0]
@@ -203,7 +249,17 @@ def resample(spline: Spline, first: float, last: float, straight: float, work: n
 
 @fast
 def heading(stations: np.ndarray, n: int, half: float, back: float) -> tuple[float, float, float, float]:
-    """Returns position, angle and curvature of the shaft ``back`` before its last station, by a robust parabola."""
+    """Finds the direction of the shaft near its last station by a robust parabola.
+
+    Args:
+        stations: (k, 6) array of stations.
+        n: number of stations.
+        half: half of the shaft's width in px.
+        back: distance before the last station in px.
+
+    Returns:
+        u, v in px, angle in radians and curvature in 1/px, ``back`` before the last station.
+    """
     low = n - 1
     while low > 0 and stations[n - 1, ARC] - stations[low - 1, ARC] < HEADING_RADII * half:
         low -= 1

@@ -75,7 +75,15 @@ class Flanks(NamedTuple):
 
 @fast
 def arc_at(arc: Arc, s: float) -> tuple[float, float, float]:
-    """Returns u, v in px and the direction in radians at ``s`` px along the arc."""
+    """Evaluates an arc.
+
+    Args:
+        arc: the arc.
+        s: distance along it in px.
+
+    Returns:
+        u, v in px and the direction in radians.
+    """
     middle = arc.angle + 0.5 * arc.curvature * s
     return arc.u + s * math.cos(middle), arc.v + s * math.sin(middle), arc.angle + arc.curvature * s
 
@@ -168,7 +176,12 @@ def roughness(left: np.ndarray, right: np.ndarray, blocks: int, bins: np.ndarray
 
 @fast
 def column_of(deviation: Deviation, b: int) -> int:
-    """Returns the column of the arc in block ``b``."""
+    """Returns the column of the strip that an arc crosses in a block.
+
+    Args:
+        deviation: the arc.
+        b: number of the block.
+    """
     s = (b - BEHIND - 0.5) * BLOCK
     return MIDDLE + math.floor(deviation.turn * s + 0.5 * deviation.bend * CELL * s * s + 0.5)
 
@@ -180,7 +193,13 @@ def _in_strip(column: int) -> bool:
 
 @fast
 def mean_evidence(left: float, right: float, cap: float) -> float:
-    """Returns the mean of two flanks' evidence, each limited to plus and minus ``cap``; all in grey levels."""
+    """Returns the mean of two flanks' evidence, each limited.
+
+    Args:
+        left: evidence of the left flank in grey levels.
+        right: evidence of the right flank in grey levels.
+        cap: limit of either sign in grey levels.
+    """
     return 0.5 * (min(max(left, -cap), cap) + min(max(right, -cap), cap))
 
 
@@ -229,6 +248,9 @@ def ground_visible(strip: np.ndarray, b: int, c: int, tolerance: float) -> bool:
         b: block.
         c: column.
         tolerance: difference in grey levels that is allowed.
+
+    Returns:
+        True where the cell has that level.
     """
     here = left = right = 0.0
     for k in range(BLOCK):
@@ -250,6 +272,9 @@ def refine_deviation(flanks: Flanks, last: int, left_sign: float, right_sign: fl
         left_sign: +1 where the left flank has the shaft's polarity, -1 where it is inverted.
         right_sign: the same for the right flank.
         coarse: result of `best_deviation`.
+
+    Returns:
+        The refined arc.
     """
     cap = flanks.cap
     best, refined = -1e9, coarse

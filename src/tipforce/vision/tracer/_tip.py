@@ -42,11 +42,23 @@ def tip_by_contrast(
     image: Raster, sign: float, spline: Spline, last: float, half: float, back: float, ahead: float, typical: float,
     profile: np.ndarray,
 ) -> tuple[float, float]:  # fmt: skip
-    """Returns the arc length of the tip, where the axis crosses half the grey level, and the drop of grey level there.
+    """Finds the tip where the axis crosses half the grey level.
 
-    The drop is 0 where no clear edge ends the shaft between ``back`` px before the ``last`` station and ``ahead`` px
-    behind it: the shaft touches something of its own grey level, or leaves the image. ``typical``: contrast of the
-    shaft. ``profile``: buffer.
+    The drop is 0 where no clear edge ends the shaft: it touches something of its own grey level, or leaves the image.
+
+    Args:
+        image: the frame.
+        sign: +1 for a light shaft, -1 for a dark one.
+        spline: the axis.
+        last: arc length of the last station in px.
+        half: half of the shaft's width in px.
+        back: length in px that is searched before the last station.
+        ahead: length in px that is searched behind it.
+        typical: contrast of the shaft in grey levels.
+        profile: (k,) buffer.
+
+    Returns:
+        Arc length of the tip in px, and the drop of grey level there.
     """
     back = min(back, last - 1.0)
     first = last - back
@@ -79,9 +91,23 @@ def measure_ends(
 ) -> int:  # fmt: skip
     """Measures the shaft more densely at its base and its tip, along the curve fitted so far.
 
-    A curve fitted from one side only is uncertain at its ends, where the stations are as far apart as elsewhere; and
-    at a rounded tip the pair of flanks grows narrow but stays centred on the axis. ``stations[n:]`` receives the new
-    stations. Both flanks must drop by ``least``. Returns the number of all stations.
+    A curve fitted from one side only is uncertain at its ends, where the stations are as far apart as elsewhere; and at
+    a rounded tip the pair of flanks grows narrow but stays centred on the axis.
+
+    Args:
+        image: the frame.
+        sign: +1 for a light shaft, -1 for a dark one.
+        spline: the curve fitted so far.
+        tip: arc length of the tip in px.
+        half: half of the shaft's width in px.
+        heading: direction into the image at the base in radians, across the base line.
+        least: smallest drop of each flank in grey levels.
+        profile: (k,) buffer.
+        stations: (k, 6) array of stations; new ones are added.
+        n: number of stations.
+
+    Returns:
+        Number of all stations.
     """
     room = min(n + 16, stations.shape[0])
     line_u, line_v = -math.sin(heading), math.cos(heading)
@@ -132,10 +158,22 @@ def measure_ends(
 def tip_by_colour(
     image: Raster, spline: Spline, straight: float, expected: float, spread: float, half: float, work: np.ndarray
 ) -> tuple[float, float]:
-    """Returns the arc length of the tip, and its contrast; ``expected`` with the standard deviation ``spread``.
+    """Finds the tip as the front across which the colours differ most, near where it is expected.
 
-    The axis is the spline, straight beyond ``straight``. The contrast is the difference between before and behind the
-    front in grey levels, root mean square; 0 where the image ends before. ``work``: of `TIP_SIZE`.
+    The axis is the spline, straight beyond ``straight``.
+
+    Args:
+        image: the frame.
+        spline: the axis.
+        straight: arc length in px beyond which the axis follows its tangent.
+        expected: expected arc length of the tip in px.
+        spread: standard deviation of ``expected`` in px.
+        half: half of the shaft's width in px.
+        work: working memory of `TIP_SIZE` numbers.
+
+    Returns:
+        Arc length of the tip in px, and its contrast: the difference between before and behind the front in grey
+        levels, root mean square; 0 where the image ends before.
     """
     step = max(1.0, half / 6.0)
     window = max(3, int(WINDOW_RADII * half / step + 0.5))
@@ -206,7 +244,18 @@ def tip_by_colour(
 
 @fast
 def base_offset(spline: Spline, heading: float, entry_u: float, entry_v: float, depth: float) -> float:
-    """Returns the arc length at which the curve, extended along its first tangent, meets the base line."""
+    """Returns the arc length at which the curve, extended along its first tangent, meets the base line.
+
+    Args:
+        spline: the axis.
+        heading: direction into the image in radians, across the base line.
+        entry_u: position of the entry in px.
+        entry_v: position of the entry in px.
+        depth: distance of the entry from the base line in px.
+
+    Returns:
+        Arc length in px, negative before the first station; at most 3 px, at least -``depth`` - 3 px.
+    """
     u, v, du, dv = spline_at(spline, 0.0)
     inward_u, inward_v = math.cos(heading), math.sin(heading)
     rate = du * inward_u + dv * inward_v

@@ -89,7 +89,17 @@ def _nodes_along_spline(spline: Spline, straight: float, tip: float, half: float
 def template_difference(
     image: Raster, template: np.ndarray, spline: Spline, straight: float, tip: float, half: float, work: np.ndarray,
 ) -> float:  # fmt: skip
-    """Returns the mean difference of the metal tip before ``tip`` from the template, in grey levels."""
+    """Returns the mean difference of the tip from the template, in grey levels.
+
+    Args:
+        image: the frame.
+        template: (`TEMPLATE_ROWS`, `TEMPLATE_COLUMNS` x channels) grey levels of the tip.
+        spline: the axis.
+        straight: arc length in px beyond which the axis follows its tangent.
+        tip: arc length of the tip in px.
+        half: half of the shaft's width in px.
+        work: working memory of 4 `TIP_ROWS` numbers, or more.
+    """
     nodes = work[: 4 * TIP_ROWS].reshape((TIP_ROWS, 4))
     _nodes_along_spline(spline, straight, tip, half, nodes)
     return _difference(image, template, nodes, half, 1)
