@@ -96,14 +96,14 @@ class ArrivalClock:
         return 1 if kept and self._least[0][1] == self.offset_ns else 0
 
     def _stood_still(self) -> bool:
-        """Whether all readings of a whole second arrived later than before, and no buffer was emptied."""
+        """Returns whether all readings of a whole second arrived later than before, and no buffer was emptied."""
         step_ns = self._least[-1][1] - self.offset_ns
         if step_ns <= _MIN_STANDSTILL_NS or (self._longest_step_ns is not None and step_ns > self._longest_step_ns):
             return False
         return self._second[-1][0] - self._second[0][0] >= _MIN_SPREAD_NS and not self._catches_up()
 
     def _catches_up(self) -> bool:
-        """Whether the delay fell over the last second."""
+        """Returns whether the delay fell over the last second."""
         (began_ns, first_ns), (ended_ns, last_ns) = self._second[0], self._second[-1]
         return first_ns - last_ns > max(_MIN_STANDSTILL_NS, _CAUGHT_UP_SHARE * (ended_ns - began_ns))
 

@@ -33,7 +33,7 @@ def combined_crc(crcs: Sequence[int], lengths: Sequence[int]) -> int:
 
 @cache
 def _power(bit: int) -> int:
-    """x^(2^bit)."""
+    """Returns x^(2^bit)."""
     return _ONE >> 1 if bit == 0 else _times(_power(bit - 1), _power(bit - 1))
 
 

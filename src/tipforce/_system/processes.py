@@ -120,7 +120,7 @@ def signals_end_the_program(*, worker: bool = False) -> Generator[None]:
 
 
 def _called_by_compiled_code(frame: FrameType | None) -> bool:
-    """Whether ``frame`` is within a call that compiled code makes and after which it crashes if the call raises.
+    """Returns whether ``frame`` is within a call by compiled code that crashes if the call raises.
 
     These are the import of a compiled module, and the making of a named tuple that a compiled function returns.
     """

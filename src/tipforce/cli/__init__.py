@@ -83,7 +83,7 @@ _OPTIONS = (
 
 
 def as_options(message: str) -> str:
-    """A message of the library with options of the command line in place of parameters.
+    """Returns a message of the library with options of the command line in place of parameters.
 
     >>> as_options("m: exists already; choose another name or state overwrite=True")
     'm: exists already; choose another name or state --overwrite'
@@ -115,7 +115,7 @@ _KEPT = {
 
 
 def main() -> None:
-    """Run the command line; a mistake in the input is one sentence and exit code 2."""
+    """Runs the command line; a mistake in the input is one sentence and exit code 2."""
     warnings.showwarning = _say_warning
     compilation = logging.getLogger("tipforce.compilation")
     compilation.setLevel(logging.INFO)

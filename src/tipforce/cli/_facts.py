@@ -73,7 +73,7 @@ def number_from(text: str, option: str, expected: str) -> float:
 
 
 def tare_from(text: str) -> Literal["auto", "none"] | tuple[float, float]:
-    """``auto``, ``none`` or ``START:END`` in seconds.
+    """Reads ``auto``, ``none`` or ``START:END`` in seconds.
 
     >>> tare_from("0:5")
     (0.0, 5.0)
@@ -94,7 +94,7 @@ def tare_from(text: str) -> Literal["auto", "none"] | tuple[float, float]:
 
 
 def offset_from(text: str) -> Literal["auto", "none", "start"] | float:
-    """``auto``, ``none``, ``start`` or milliseconds.
+    """Reads ``auto``, ``none``, ``start`` or milliseconds.
 
     >>> offset_from("-12.5")
     -12.5

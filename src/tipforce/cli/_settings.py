@@ -61,7 +61,7 @@ def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None
 
 
 def _within(model: type[BaseModel] | None, name: str) -> tuple[type[BaseModel] | None, dict[str, Any]]:
-    """The settings below ``name`` of ``model``, and the values that these have there by default."""
+    """Returns the settings below ``name`` of ``model``, and the values that these have there by default."""
     field = None if model is None else model.model_fields.get(name)
     if field is None:
         return None, {}

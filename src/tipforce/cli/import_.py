@@ -115,7 +115,7 @@ def _refuse_options(recording: Path, *, stage: Path | None, knob: Path | None) -
 
 
 def _by_kind(others: list[Path], stated: dict[str, Path], info: SessionInfo) -> dict[str, Path]:
-    """The logs, some of which have a stated kind; the only other one is that of the force."""
+    """Returns the logs, some of which have a stated kind; the only other one is that of the force."""
     from ..io import logs_by_kind
 
     written = {"force": info.sensor.log, "knob": info.actuation.log, "stage": info.stage.log}

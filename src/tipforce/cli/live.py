@@ -130,7 +130,7 @@ class _Line:
         self._next_s = time.monotonic()
 
     def show(self, text: str) -> None:
-        """The newest."""
+        """Shows the newest line."""
         if console.is_terminal:
             console.print(shown(text)[: console.width - 1].ljust(console.width - 1), end="\r", soft_wrap=True)
             self._shown = True

@@ -105,7 +105,7 @@ def _stopped_by_signals(stop: Callable[[], None]) -> Generator[None]:
 
 @contextmanager
 def _shown_live(recording: "BenchRecording") -> Generator[None]:
-    """A table that is drawn anew on a terminal; a line every few seconds elsewhere."""
+    """Shows a table that is drawn anew on a terminal; a line every few seconds elsewhere."""
     with ExitStack() as stack:
         if console.is_terminal:
             from rich.live import Live

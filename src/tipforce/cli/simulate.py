@@ -133,7 +133,7 @@ def _refuse_strays(form: str, of_sessions: dict[str, object], of_samples: dict[s
 
 
 def _of_seconds(settings: "AnySimulationSettings", seconds: float | None) -> "AnySimulationSettings":
-    """``settings`` with sessions of another length; the preset is none any more then."""
+    """Returns ``settings`` with sessions of another length; the name of the preset changes with them."""
     if seconds is None:
         return settings
     changed = settings_from(type(settings), [f"world.seconds={seconds}"], settings)

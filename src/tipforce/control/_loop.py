@@ -262,13 +262,13 @@ class ControlLoop:
                 self._go(ControlState.CONTACT, "contact was lost")
 
     def _out_of_touch(self, now_s: float) -> bool:
-        """Whether contact is missing for `_MAX_WITHOUT_CONTACT_S` although a force is wanted: the model is outdated."""
+        """Returns whether contact is missing for `_MAX_WITHOUT_CONTACT_S` although a force is wanted."""
         if self._forces[-1][1] > self.settings.contact_n or self.settings.controller != "periodic":
             self._touched_s = now_s
         return now_s - self._touched_s > _MAX_WITHOUT_CONTACT_S
 
     def _touch(self, sample: Sample) -> None:
-        """In contact: waits until the model of the wall is good enough for the controller."""
+        """Waits in contact until the model of the wall is good enough for the controller."""
         settings, within = self.settings, sample.time_s - self._contact_s
         if settings.controller == "none":
             ready = within >= settings.settle_s
@@ -288,7 +288,7 @@ class ControlLoop:
             self._go(ControlState.HOLD, "the wall's motion is known well enough")
 
     def _calm(self, now_s: float) -> bool:
-        """Whether the force was near the wanted one for `_EXCESS_S`: model and rate are then right."""
+        """Returns whether the force was near the wanted one for `_EXCESS_S`: model and rate are then right."""
         enough = now_s - self._excess[0][0] >= 0.9 * _EXCESS_S and self._target_n >= self.settings.target_n
         return enough and max(abs(excess) for _, excess in self._excess) < _MAX_CALM_ERROR_SHARE * self._target_n
 

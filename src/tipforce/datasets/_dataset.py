@@ -144,7 +144,7 @@ class Dataset:
         return self.store.read(self.rows)
 
     def has_masks(self, view: str) -> bool:
-        """Whether the samples' images of ``view`` have masks of the catheter.
+        """Returns whether the samples' images of ``view`` have masks of the catheter.
 
         True if all images have one; for datasets that were joined, if all images of one of them have one.
         """

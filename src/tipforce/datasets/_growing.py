@@ -92,7 +92,7 @@ class Growing(ABC):
 
     @abstractmethod
     def has(self, number: int) -> bool:
-        """Whether the session of this number was added."""
+        """Returns whether the session of this number was added."""
 
     @abstractmethod
     def add(self, number: int, samples: SessionSamples) -> None:
@@ -178,7 +178,7 @@ class GrowingImages(Growing):
         return self.parts / f"{number:07d}.json"
 
     def has(self, number: int) -> bool:
-        """Whether the session of this number was added."""
+        """Returns whether the session of this number was added."""
         return self._part(number).exists()
 
     def add(self, number: int, samples: SessionSamples) -> None:
@@ -262,7 +262,7 @@ class GrowingShards(Growing):
         return self.folder / f"samples-{shard:05d}-of-{self._shards:05d}{SUFFIX}"
 
     def has(self, number: int) -> bool:
-        """Whether the session of this number was added."""
+        """Returns whether the session of this number was added."""
         return self._part(number).exists() or self._shard(number // self._each).exists()
 
     def add(self, number: int, samples: SessionSamples) -> None:

@@ -177,7 +177,7 @@ class _Several:
             yield from dataset.observations()
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
-        """Whether any dataset of ``rows`` has masks: `masks` yields None for the samples of the others."""
+        """Returns whether any dataset of ``rows`` has masks: `masks` yields None for the samples of the others."""
         return any(dataset.has_masks(view) for dataset in self._runs(rows))
 
     def masks(self, rows: IntArray, view: str) -> Iterator[Image | None]:

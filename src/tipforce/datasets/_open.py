@@ -17,7 +17,7 @@ _UNFINISHED = "is still being written, or was cut off, and is left out"
 
 
 def holds_samples(path: Path) -> bool:
-    """Whether ``path`` is a dataset folder or its table, Parquet shards, or a published layout."""
+    """Returns whether ``path`` is a dataset folder or its table, Parquet shards, or a published layout."""
     if path.is_file():
         return path.suffix.lower() in (SUFFIX, ".csv")
     if (path / METADATA).is_file():

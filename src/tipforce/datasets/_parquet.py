@@ -226,6 +226,6 @@ def _read(path: Path, columns: list[str]) -> Any:
 
 
 def _is_image(kind: Any) -> bool:
-    """Whether a column is a struct with the bytes of images."""
+    """Returns whether a column is a struct with the bytes of images."""
     names = [kind.field(k).name for k in range(kind.num_fields)] if str(kind).startswith("struct") else []
     return "bytes" in names and "path" in names

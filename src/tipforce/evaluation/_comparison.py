@@ -25,7 +25,7 @@ SENSOR_SOURCE = "Kueffer et al.: 12 catheters, 6,685 measurements at 10 to 40 g"
 
 
 def comparison(evaluation: Evaluation) -> dict[str, Any]:
-    """The methods under the strictest protocol, against the force sensor.
+    """Compares the methods under the strictest protocol, against the force sensor.
 
     Returns:
         ``protocol``; ``rows``, a method each with the constant predictor last: ``method``, ``about`` (its description),
@@ -63,7 +63,7 @@ def comparison(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _by_load(reference: FloatArray, estimate: FloatArray) -> list[dict[str, Any]]:
-    """Mean absolute error and bias in each of `LOAD_BINS_N` that has samples with an estimate."""
+    """Returns mean absolute error and bias in each of `LOAD_BINS_N` that has samples with an estimate."""
     found: list[dict[str, Any]] = []
     for low, high in pairwise(LOAD_BINS_N):
         inside = (reference >= low) & (reference < high) & np.isfinite(estimate)

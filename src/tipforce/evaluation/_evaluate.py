@@ -244,7 +244,7 @@ def _run_protocols(
     fits: KeptFits | None,
     executor: Executor | None,
 ) -> list[MethodResult]:
-    """The results of all protocols that the data and methods allow; ``notes`` gets those that were left out."""
+    """Returns the results of all protocols that the data and methods allow; ``notes`` gets those that were left out."""
     thesis_samples = settings.samples or max(method.estimator.thesis_samples for method in methods)
     plans: dict[Protocol, list[Split]] = {}
     reasons: dict[str, InputError] = {}
@@ -291,7 +291,7 @@ def _run_protocols(
 
 
 def _part_of(progress: Progress | None, start: float, share: float) -> Progress | None:
-    """A progress that reports from ``start`` to ``start`` + ``share`` of ``progress``."""
+    """Returns a progress that reports from ``start`` to ``start`` + ``share`` of ``progress``."""
     if progress is None:
         return None
     return lambda what, done: progress(what, start + done * share)
@@ -300,7 +300,7 @@ def _part_of(progress: Progress | None, start: float, share: float) -> Progress 
 def _perturbed(
     evaluation: Evaluation, data: ScoredData, frames: int, progress: Progress | None
 ) -> dict[str, list[dict[str, Any]]]:
-    """Method -> lines of the table of perturbations: as saved where it was, else as fitted under the strictest."""
+    """Returns method -> lines of the table of perturbations; a saved model is used as it is."""
     constant = evaluation.result(Constant.name, evaluation.strictest)
     assert constant is not None
     found: dict[str, list[dict[str, Any]]] = {}

@@ -67,7 +67,7 @@ class CramerRaoBounds:
         return replace(self, std_n=std, contact_angle_deg=self.contact_angle_deg[index])
 
     def ratios(self, predictions: Predictions) -> dict[str, Any]:
-        """Kind of bound -> `bound_ratios` of the predictions, whose reference must be the true force."""
+        """Returns kind of bound -> `bound_ratios` of the predictions, whose reference must be the true force."""
         return {kind: bound_ratios(predictions, std, self.contact_angle_deg) for kind, std in self.std_n.items()}
 
 
@@ -108,7 +108,7 @@ def bound_at(dataset: Dataset, bounds: Mapping[str, tuple[IntArray, FloatArray]]
 def bound_ratios(
     predictions: Predictions, bound_n: FloatArray, contact_angle_deg: FloatArray | None = None
 ) -> dict[str, Any]:
-    """Errors over their Cramer-Rao bounds, of the samples in contact that have an estimate and a bound.
+    """Computes the errors over their Cramer-Rao bounds, for the samples in contact that have an estimate and a bound.
 
     Each ratio is the median of |error| / bound, divided by a Gaussian's 0.674: an efficient estimator has 1.
     ``rms_ratio`` is the root mean square error over the root mean square bound, the figure that the bound limits; a
@@ -178,10 +178,14 @@ def _ratio(error: FloatArray, bound: FloatArray, use: BoolArray) -> dict[str, fl
 def _values_at(
     dataset: Dataset, values: Mapping[str, tuple[IntArray, FloatArray]], kind: str, remedy: str
 ) -> FloatArray:
-    """(n, k): of every sample, the row of ``values`` (session -> stamps (m,), rows (m, k)) at its stamp.
+    """Finds for every sample the row of ``values`` (session -> stamps (m,), rows (m, k)) at its stamp.
 
-    NaN where there is none within 5 ms. Raises InputError where no sample has any, and where the stamps of a session
-    are those of another recording: half of those found are more than 0.5 ms off.
+    Returns:
+        (n, k); NaN where there is no row within 5 ms.
+
+    Raises:
+        InputError: no sample has any, or the stamps of a session are those of another recording: half of those found
+            are more than 0.5 ms off.
     """
     columns = next((rows.shape[1] for _, rows in values.values()), 3)
     found = np.full((len(dataset), columns), np.nan)

@@ -100,7 +100,7 @@ class KeptFits:
 
 
 def _fit_there(folder: Path, dataset: Dataset, job: tuple[Method, Split], step: Callable[[], None]) -> None:
-    """One fit, into ``folder``."""
+    """Runs one fit, and keeps it in ``folder``."""
     with contextlib.suppress(InputError):
         KeptFits(folder).fit(*job, dataset, no_progress)
     step()
@@ -131,7 +131,7 @@ def _calibrated(fitted: Estimator, apart: Dataset | None, progress: Progress) ->
 
 
 def _identity(method: Method, training: Dataset, apart: Dataset | None) -> str:
-    """16 hexadecimal digits of all that a fit depends on: method, settings, first weights, samples and metadata."""
+    """Returns 16 hexadecimal digits of everything in a fit: method, settings, first weights, samples, metadata."""
     digest = hashlib.sha256()
     for part in (
         method.estimator.name,

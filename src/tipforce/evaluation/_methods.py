@@ -99,7 +99,7 @@ def methods_from(
 
 
 def _learning_from_the_rest(estimator: Estimator) -> Estimator:
-    """``estimator``, which does not stop at samples that it cannot learn from: a judgement counts them as abstained."""
+    """Returns the method with settings that let it train although samples have no shape: they count as abstained."""
     settings = estimator.settings
     if "max_left_out" not in type(settings).model_fields or "max_left_out" in settings.model_fields_set:
         return estimator

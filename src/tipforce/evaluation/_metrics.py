@@ -32,7 +32,7 @@ _NEWTON_METRICS = ("mae", "rmse", "max", "min", "bias")
 
 
 def percent_of_true(reference_n: FloatArray, estimate_n: FloatArray) -> FloatArray:
-    """Signed error in percent of the true value (thesis fig. 23a).
+    """Computes the signed error in percent of the true value (thesis fig. 23a).
 
     Args:
         reference_n: (n,) in newtons.
@@ -51,7 +51,7 @@ def percent_of_true(reference_n: FloatArray, estimate_n: FloatArray) -> FloatArr
 
 
 def error_metrics(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, float | int]:
-    """Errors of the samples whose estimate is a number.
+    """Computes the errors of the samples whose estimate is a number.
 
     Args:
         reference_n: (n,) in newtons.
@@ -98,7 +98,7 @@ def error_metrics(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, 
 
 
 def interval_metrics(reference_n: FloatArray, interval_n: FloatArray) -> dict[str, float | int]:
-    """How well the 90 % intervals hold.
+    """Measures how well the 90 % intervals hold.
 
     Args:
         reference_n: (n,) in newtons.
@@ -132,7 +132,7 @@ def score(
     base_frame: bool = True,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """All metrics of the predictions of one method under one protocol.
+    """Computes all metrics of the predictions of one method under one protocol.
 
     Args:
         predictions: n samples with estimates and references.
@@ -140,7 +140,7 @@ def score(
         contact_angle_deg: (n,) angle between the tip's axis and the direction into the tissue; NaN where not known.
         groups: Session -> its group, see `session_groups`.
         base_frame: Whether the forces are in the base frame.
-        seed: Of the bootstrap.
+        seed: Seed of the bootstrap.
 
     Returns:
         Nested dicts of numbers. ``samples``, ``valid``, ``abstained_share``, ``abstained`` (reason -> count);
@@ -199,7 +199,7 @@ def _quantity(predictions: Predictions, name: str, seed: int) -> dict[str, Any]:
 
 
 def _group_metrics(predictions: Predictions, chosen: BoolArray) -> dict[str, Any]:
-    """The main metrics of one group of samples, by quantity."""
+    """Returns the main metrics of one group of samples, by quantity."""
     part = predictions.where(chosen)
     columns = {name: part.column(name) for name in predictions.quantities}
     return {

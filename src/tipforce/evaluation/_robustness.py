@@ -112,7 +112,7 @@ def _unchanged(image: Any, seed: tuple[int, int]) -> Any:  # noqa: ARG001 - noth
 def _fitted(
     method: Method, result: MethodResult, constant: MethodResult, dataset: Dataset
 ) -> tuple[Mapping[str, Estimator], Mapping[str, Estimator]]:
-    """By split: the fitted method, and the constant predictor that was fitted on the same samples."""
+    """Returns by split the fitted method, and the constant predictor that was fitted on the same samples."""
     if result.fits:
         estimators, means = ({fit.split.name: fit.estimator for fit in each.fits} for each in (result, constant))
         return estimators, means
@@ -124,7 +124,7 @@ def _fitted(
 def _parts(
     predictions: Predictions, data: ScoredData, frames: int, estimators: Mapping[str, Estimator]
 ) -> Iterator[_Part]:
-    """Test samples spread over all of them; for a method that remembers, each ends a stretch of its session."""
+    """Yields test samples spread over all of them; for a method that remembers, each ends a stretch of its session."""
     remembers = next(iter(estimators.values())).uses_history
     last = len(predictions) - 1
     count = min(max(MIN_STRETCHES, frames // CHUNK_FRAMES) if remembers else frames, len(predictions))
@@ -161,7 +161,7 @@ def _predictions(
 
 
 def _metrics(predictions: Predictions, constant: Predictions) -> dict[str, Any]:
-    """Errors of the valid samples, coverage and the share abstained; then the errors of the constant predictor."""
+    """Returns errors of the valid samples, coverage, the share abstained, and the errors of the constant predictor."""
     mean = _errors(constant)
     own = _errors(predictions)
     coverage = interval_metrics(predictions.reference_magnitude_n, predictions.magnitude_interval_n)["coverage"]

@@ -39,7 +39,7 @@ LIMITS_OF_AGREEMENT_SIGMA = 1.96
 def bootstrap_mean(
     values: FloatArray, session: npt.NDArray[np.str_], *, seed: int = 0, resamples: int = _RESAMPLES
 ) -> dict[str, Any]:
-    """95 % confidence interval of the mean of ``values`` over all samples, from resampled sessions.
+    """Computes the 95 % confidence interval of a mean over all samples, from resampled sessions.
 
     Each resample draws as many sessions as there are, with replacement, and takes the mean over all of their samples.
     The interval is that of the 2.5 and 97.5 % quantiles of these means (percentile bootstrap).
@@ -47,7 +47,7 @@ def bootstrap_mean(
     Args:
         values: (n,) one value a sample; NaN is left out, and with it sessions that have nothing else.
         session: (n,) name of each sample's session.
-        seed: Of the resampling.
+        seed: Seed of the resampling.
         resamples: Number of resamples.
 
     Returns:
@@ -68,7 +68,7 @@ def bootstrap_mean(
 def bland_altman(
     reference_n: FloatArray, estimate_n: FloatArray, session: npt.NDArray[np.str_], *, seed: int = 0
 ) -> dict[str, Any]:
-    """Agreement of two ways of measuring one force: differences (estimate - reference) over their mean.
+    """Measures the agreement of two measurements of one force: differences (estimate - reference) over their mean.
 
     With several sessions the variance of the differences is the sum of that within and that between sessions, from a
     one-way analysis of variance with sessions of unequal length (Bland and Altman 2007, J. Biopharm. Stat. 17, 571,
@@ -78,7 +78,7 @@ def bland_altman(
         reference_n: (n,) in newtons.
         estimate_n: (n,) in newtons; NaN is left out.
         session: (n,) name of each sample's session.
-        seed: Of the bootstrap of the bias.
+        seed: Seed of the bootstrap of the bias.
 
     Returns:
         ``n``; ``bias_n``, the mean difference, with ``bias_ci95_n`` [low, high] (see `bootstrap_mean`); ``sd_n`` of the
@@ -114,7 +114,7 @@ def bland_altman(
 
 
 def _variances(difference: FloatArray, session: npt.NDArray[np.str_]) -> tuple[float, float]:
-    """Variance within and between sessions; of one session, or one sample a session, the sample variance alone."""
+    """Returns the variance within and between sessions; with one session, or one sample each, the sample variance."""
     _, place = np.unique(session, return_inverse=True)
     size = np.bincount(place).astype(np.float64)
     groups, count = len(size), len(difference)
@@ -130,14 +130,14 @@ def _variances(difference: FloatArray, session: npt.NDArray[np.str_]) -> tuple[f
 def coverage_by_stratum(
     predictions: Predictions, by: FloatArray, edges: tuple[float, ...], unit: str, *, seed: int = 0
 ) -> list[dict[str, Any]]:
-    """Coverage of the magnitude's 90 % interval in strata of ``by``, with the number of samples behind each figure.
+    """Computes the coverage of the magnitude's 90 % interval by stratum, with the number of samples behind each figure.
 
     Args:
-        predictions: Predictions of one method under one protocol.
-        by: (n,) value that the strata are of; NaN is in none.
+        predictions: Predictions of one method under one protocol, n samples.
+        by: (n,) quantity that is cut into strata; NaN is in none.
         edges: Edges of the strata; a value on an edge is in the stratum above it, on the last one in the last stratum.
         unit: Unit of ``by``, ``n`` or ``deg``: part of the keys.
-        seed: Of the bootstrap.
+        seed: Seed of the bootstrap.
 
     Returns:
         One dict for each stratum that has samples: ``from_UNIT``, ``below_UNIT`` and `stratum_metrics`.
@@ -152,11 +152,11 @@ def coverage_by_stratum(
 
 
 def stratum_metrics(stratum: Predictions, *, seed: int = 0) -> dict[str, Any]:
-    """Coverage and errors of the magnitude in one stratum.
+    """Computes coverage and errors of the magnitude in one stratum.
 
     Args:
         stratum: Predictions of its samples, at least one.
-        seed: Of the bootstrap.
+        seed: Seed of the bootstrap.
 
     Returns:
         ``samples``, and ``few``: whether they are fewer than `FEW_SAMPLES`; ``intervals``, those with an interval;
@@ -187,7 +187,7 @@ def stratum_metrics(stratum: Predictions, *, seed: int = 0) -> dict[str, Any]:
 
 
 def wrong_share(error_n: FloatArray) -> float:
-    """Share of the errors (n,) beyond `WRONG_N`; NaN of none.
+    """Returns the share of the errors (n,) beyond `WRONG_N`; NaN of none.
 
     >>> wrong_share(np.array([0.02, -0.06]))
     0.5

@@ -87,14 +87,14 @@ def _row(result: MethodResult) -> dict[str, Any]:
 
 
 def _thesis_row(name: str) -> dict[str, Any]:
-    """Table 4 for method 1, table 5 for method 2; the range of the forces is stated for method 1 alone."""
+    """Returns table 4 for method 1, table 5 for method 2; the range of the forces is stated for method 1 alone."""
     if name == "svr":
         return {**THESIS_FIGURES, "by_direction": {}}
     return {"by_direction": THESIS_FIGURES["by_direction"]}
 
 
 def _differences(evaluation: Evaluation, result: MethodResult, estimator: Estimator) -> list[str]:
-    """The bench first, then all else that differs from the thesis."""
+    """Lists the bench first, then all else that differs from the thesis."""
     predictions, found = result.predictions, list[str]()
     simulated = all(info.simulated for info in evaluation.dataset.session_info.values())
     found.append("a simulated bench" if simulated else "another bench")

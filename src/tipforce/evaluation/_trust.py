@@ -23,7 +23,7 @@ _KEPT = np.linspace(1.0, 0.05, 20)
 
 
 def axis_angle_deg(force_n: FloatArray) -> FloatArray:
-    """Angle between each force and the shaft's axis at its base, the tip pushed straight back being 0 degrees.
+    """Computes the angle between each force and the shaft's axis at its base; 0 degrees push the tip straight back.
 
     Args:
         force_n: (n, 3) in newtons, base frame; components that were not measured are NaN.
@@ -77,16 +77,16 @@ def retention(error_n: FloatArray, uncertainty_n: FloatArray, answered_share: fl
 def trust_metrics(
     predictions: Predictions, groups: Mapping[str, str] | None = None, *, base_frame: bool = True, seed: int = 0
 ) -> dict[str, Any]:
-    """How far the answers can be trusted.
+    """Measures how far the estimates can be trusted.
 
     Args:
         predictions: n samples with estimates and references.
         groups: Session -> its group, see `session_groups`; None: all are one.
         base_frame: Whether the forces are in the base frame; else nothing is known of their angle to the shaft.
-        seed: Of the bootstrap.
+        seed: Seed of the bootstrap.
 
     Returns:
-        ``wrong_beyond_n`` (`WRONG_N`) and ``wrong_share`` of the answers; ``by_force``, ``by_axis_angle`` (samples in
+        ``wrong_beyond_n`` (`WRONG_N`) and ``wrong_share`` of the estimates; ``by_force``, ``by_axis_angle`` (samples in
         contact, see `axis_angle_deg`) and ``by_group``: `stratum_metrics` of each stratum; ``worst_coverage`` of a
         stratum with at least `FEW_SAMPLES` samples, and ``worst_stratum``, which one; ``retention``.
     """
@@ -124,7 +124,7 @@ def _by_group(predictions: Predictions, groups: Mapping[str, str], seed: int) ->
 
 
 def _name(stratum: Mapping[str, Any]) -> str:
-    """A stratum in words, as ``0.1 to 0.2 N``."""
+    """Returns the name of a stratum, as ``0.1 to 0.2 N``."""
     if "group" in stratum:
         return str(stratum["group"])
     unit, text = ("n", "N") if "from_n" in stratum else ("deg", "degrees")

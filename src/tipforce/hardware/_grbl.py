@@ -338,7 +338,7 @@ class GrblStage(Driver):
             self._jog()
 
     def _goes_on(self) -> bool:
-        """Whether every axis continues in its present direction to its new target."""
+        """Returns whether every axis continues in its present direction to its new target."""
         for name, target in self._wanted.items():
             going = self._sent.get(name, self._places[name])
             if (target - going) * (going - self._places[name]) < 0:

@@ -29,7 +29,7 @@ class ActuationSeries:
             values.append(value)
 
     def final_at(self, stamp_ns: int) -> bool:
-        """Whether every drive has a reading at or after ``stamp_ns``, so that later ones change nothing there."""
+        """Returns whether every drive has a reading at or after ``stamp_ns``, so that later ones change nothing."""
         return bool(self._stamps) and all(stamps[-1] >= stamp_ns for stamps in self._stamps.values())
 
     def forget_before(self, stamp_ns: int) -> None:

@@ -94,12 +94,12 @@ def whole_summary(stream: IO[bytes]) -> tuple[Summary, int] | None:
 
 
 def is_foreign_metadata(names: Iterable[str]) -> bool:
-    """Whether none of the metadata records with these names belongs to a recording of ours."""
+    """Returns whether none of the metadata records with these names belongs to a recording of ours."""
     return not any(name.startswith(_OURS) for name in names)
 
 
 def is_foreign(path: Path) -> bool:
-    """Whether ``path`` is a complete MCAP file that another program wrote, that is, without metadata of ours."""
+    """Returns whether ``path`` is a complete MCAP file of another program, that is, without metadata of ours."""
     with path.open("rb") as stream:
         found = whole_summary(stream)
     return found is not None and is_foreign_metadata(index.name for index in found[0].metadata_indexes)

@@ -19,7 +19,7 @@ _MAGIC_AT = 128
 
 
 def is_dicom(path: Path) -> bool:
-    """Whether the content of the file is marked as DICOM, under any name."""
+    """Returns whether the content of the file is marked as DICOM, under any name."""
     if not path.is_file():
         return False
     with path.open("rb") as stream:

@@ -74,7 +74,7 @@ class _FileContents:
 
 
 def is_image(path: Path) -> bool:
-    """Whether the name of the file is that of one image."""
+    """Returns whether the name of the file is that of one image."""
     return path.suffix.lower() in IMAGE_SUFFIXES
 
 

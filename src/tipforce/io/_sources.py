@@ -175,7 +175,7 @@ class _Readable(Protocol):
 
 
 def can_be_read_again(source: Source) -> bool:
-    """Whether ``source`` is a file, which may be iterated more than once, and not a live stream."""
+    """Returns whether ``source`` is a file, which may be iterated more than once, and not a live stream."""
     return isinstance(getattr(source, "path", None), Path)
 
 

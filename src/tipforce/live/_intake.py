@@ -162,7 +162,7 @@ class Intake:
         return max(0, now_ns - (0 if self._same_clock else self._clock.offset_ns))
 
     def frames_per_s(self, now_ns: int) -> float:
-        """Rate at which images of the first view arrive."""
+        """Returns the rate at which images of the first view arrive."""
         with self._new:
             return self._rate.per_s(now_ns)
 

@@ -95,7 +95,7 @@ class ZeroButton:
         return self._zero
 
     def _free(self, taken: list[ForceEstimate], magnitude_n: float) -> bool:
-        """Whether the tip has no contact: by the stated probability of contact, or by the force if none is stated."""
+        """Returns whether the tip is free, by the stated probability of contact, or else by the force."""
         stated = [estimate.contact for estimate in taken]
         if any(math.isnan(contact) for contact in stated):
             return magnitude_n <= self._settings.contact.contact_n

@@ -76,7 +76,7 @@ class CalibrateReport:
         return edited_bench(bench_text(replace(self.info, name="")) if text is None else text, values, where)
 
     def figures(self) -> dict[str, Any]:
-        """As JSON."""
+        """Returns the report as JSON values."""
         return {
             "quantities": [each.figures() for each in self.quantities],
             "remarks": list(self.remarks),
@@ -200,7 +200,7 @@ def _lens_remarks(board: BoardResult | None) -> tuple[str, ...]:
 
 
 def _rounded(value: float, std: float) -> float:
-    """``value`` to a tenth of its standard deviation."""
+    """Rounds ``value`` to a tenth of its standard deviation."""
     if not (math.isfinite(std) and std > 0.0 and value):
         return value
     digits = max(1, math.ceil(math.log10(abs(value) / std)) + 2)
@@ -216,7 +216,7 @@ def _shown(value: float | None, std: float) -> str:
 
 
 def describe_calibration(report: CalibrateReport) -> list[str]:
-    """A table, one line a quantity, then the remarks."""
+    """Returns a table, one line a quantity, then the remarks."""
     rows = [("quantity", "value", "+-", "", "before", "doubt")]
     for each in report.quantities:
         std = f"{each.std:.2g}" if math.isfinite(each.std) else "?"

@@ -178,7 +178,7 @@ class _Feedback:
         self._waiting: deque[tuple[int, ForceEstimate]] = deque()
 
     def add(self, event: Event, now_ns: int) -> None:
-        """An event of the source has arrived."""
+        """Takes an event of the source."""
 
     def due(self, now_ns: int) -> Iterator[ForceEstimate]:
         """Estimates that are ready by now."""
@@ -187,7 +187,7 @@ class _Feedback:
 
 
 def _true_force_n(bench: LiveSimulation, time_s: FloatArray) -> FloatArray:
-    """(n, 3): the tissue's force on the tip."""
+    """Returns (n, 3) the tissue's force on the tip."""
     source = bench.source
     return source.interpolator.at(source.trajectory.contact.force_n, time_s)
 

@@ -186,7 +186,7 @@ def _bands(axes: Axes, run: ControlRun, *, named: bool) -> None:
 
 
 def _stretches(chosen: BoolArray) -> list[tuple[int, int]]:
-    """First and last row of each run of True."""
+    """Returns first and last row of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
     return [(int(first), min(int(end), len(chosen) - 1)) for first, end in edges.reshape(-1, 2)]
 
@@ -267,7 +267,7 @@ def _facts(figures: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _changes(run: ControlRun, most: int = 40) -> list[tuple[float, str]]:
-    """When the run came into another state, or safety stepped in."""
+    """Lists when the run came into another state, or safety stepped in."""
     found: list[tuple[float, str]] = []
     before = None
     for tick in run.ticks:

@@ -72,7 +72,7 @@ class _Findings:
         self.facts: list[Fact] = []
 
     def write(self, event: Event) -> None:
-        """Nothing: the event is copied as it is."""
+        """Does nothing: the event is copied as it is."""
 
     def state(self, fact: Fact | SensorInfo) -> None:
         """Keeps the fact; the sensor's pose is in the recording already."""

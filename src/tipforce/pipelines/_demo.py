@@ -193,7 +193,7 @@ def _import(say: Say, runs: Path, folder: Path) -> None:
 
 
 def _best_of(models: list[str], metrics: Path) -> str:
-    """The model with the smallest mean absolute error in ``metrics``."""
+    """Returns the model with the smallest mean absolute error in ``metrics``."""
     results = read_json(metrics)["results"]
     labels = {model if model.startswith("pretrained/") else Path(model).name: model for model in models}
     errors = {

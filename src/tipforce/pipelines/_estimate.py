@@ -99,7 +99,7 @@ class EstimateReport:
             self.reasons.add(f"{estimate.status.value}: {estimate.detail}")
 
     def text(self) -> str:
-        """A few lines for people."""
+        """Returns a few lines for people."""
         lines = [f"{self.frames} frames, {self.valid} with a force"]
         if self.magnitudes_n:
             low, mean, high = min(self.magnitudes_n), float(np.mean(self.magnitudes_n)), max(self.magnitudes_n)
@@ -112,7 +112,7 @@ class EstimateReport:
         return "\n".join([*lines, f"image to force: {p50:.2f} ms (p50), {p99:.2f} ms (p99)"])
 
     def figures(self) -> dict[str, Any]:
-        """All of it as JSON values; None where there is no force at all."""
+        """Returns all of it as JSON values; None where there is no force at all."""
         sizes = self.magnitudes_n
         return {
             "frames": self.frames,
@@ -169,7 +169,7 @@ def estimate(
 
 
 def session_info_from(bench: SessionInfo | str | Path | None) -> SessionInfo:
-    """Metadata that a caller states as such, as a ``bench.toml``, or not at all."""
+    """Returns metadata that a caller states as such, as a ``bench.toml``, or not at all."""
     if bench is None:
         return SessionInfo()
     return bench if isinstance(bench, SessionInfo) else read_bench(bench)
@@ -246,7 +246,7 @@ def start_stream(estimator: Estimator, source: Source) -> Stream:
 
 
 def _asked_curvature(source: Source, view: str) -> float | None:
-    """Curvature in 1/m that a knob asks for which stands still; None where it is unknown, or a projection shows it."""
+    """Returns the curvature in 1/m that a still knob sets; None where it is unknown, or a projection shows it."""
     info = source.session_info
     gain, shown = info.actuation.knob_gain_per_m_deg, info.view(view)
     if gain is None or shown.projection is not None or shown.modality == "xray":
@@ -383,7 +383,7 @@ def _of_known(duration: Duration, state: ClinicalState) -> str:
 
 
 def _clinical_figures(state: ClinicalState, settings: ContactSettings) -> dict[str, Any]:
-    """JSON values; None where something is not known."""
+    """Returns JSON values; None where something is not known."""
     return {
         "settings": settings.model_dump(),
         "elapsed_s": state.elapsed_s,
@@ -400,7 +400,7 @@ def _cell(newtons: float) -> str:
 
 
 def _ends(interval: FloatArray) -> list[str]:
-    """Both ends, or neither: an interval without an end says nothing."""
+    """Returns both ends, or neither: an interval without an end states nothing."""
     return [_cell(end) for end in interval.tolist()] if np.isfinite(interval).all() else ["", ""]
 
 

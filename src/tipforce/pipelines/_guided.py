@@ -80,7 +80,7 @@ class Guide:
         return sum(phase.seconds for phase in self.phases)
 
     def take(self, event: Event) -> None:
-        """The next event."""
+        """Takes the next event."""
         if self.done:
             return
         self._now_ns = max(self._now_ns, event.stamp_ns)
@@ -115,7 +115,7 @@ class Guide:
             self.changed = max(self.changed, float(np.percentile(np.abs(small - self._image), 99)))
 
     def _end(self, name: str) -> None:
-        """The phase ``name`` is over: on to the next one, or again."""
+        """Ends the phase ``name``, and begins the next one, or the same again."""
         if name == "tare" and not self._set_tare() and self._tries < _AGAIN:
             self._tries += 1
         else:
@@ -145,7 +145,7 @@ class Guide:
         return True
 
     def prompt(self) -> str:
-        """The present request, the remaining time, and the measurement."""
+        """Returns the present request, the remaining time, and the measurement."""
         if self.done:
             return "done"
         phase = self.phases[self._place]
@@ -212,7 +212,7 @@ def missing_for_training(summary: RecordingSummary, guide: Guide | None = None) 
 
 
 def _not_detected(path: Path) -> str:
-    """Why the catheter is not found in most images, or empty."""
+    """Returns why the catheter is not found in most images, or empty."""
     with RecordingReader(path) as reader:
         view = reader.views[0]
         images = spread_images(reader, view)

@@ -91,7 +91,7 @@ class _Feed:
         self._next = 0
 
     def take(self, stamp_ns: int | None) -> Iterator[tuple[int, int]]:
-        """(row, stamp) of the rows not yet taken, up to and with ``stamp_ns``; all of them for None."""
+        """Yields (row, stamp) of the rows not yet taken, up to and with ``stamp_ns``; all of them for None."""
         end = len(self._stamps) if stamp_ns is None else int(np.searchsorted(self._stamps, stamp_ns, side="right"))
         while self._next < end:
             start = self._next
@@ -248,7 +248,7 @@ def import_session(
 
 
 def _bag(frames: Path, logs: Logs, info: SessionInfo) -> tuple[Bag | None, Logs]:
-    """The bag with the images, or the one among the logs, and the other logs."""
+    """Returns the bag with the images, or the one among the logs, and the other logs."""
     paths = [] if logs is None or isinstance(logs, Mapping) else [logs] if isinstance(logs, str | Path) else list(logs)
     bags = [Path(path) for path in paths if is_bag(Path(path))]
     if is_bag(frames):
@@ -278,7 +278,7 @@ def _drives(
     remarks: list[str],
     joints: DriveLog | None,
 ) -> dict[str, Readings]:
-    """The catheter's drives as a stream, where they come from a log, or as ``joints`` of a bag."""
+    """Returns the catheter's drives as a stream, where they come from a log, or as ``joints`` of a bag."""
     if column and knob_log:
         raise InputError(
             "the knob's angle can come from actuation.knob_column or from a log of the knob, not from both"
@@ -321,13 +321,13 @@ def _check_drives(
 def _late_drives(
     stamps: IntArray, values: Mapping[str, FloatArray], clock: ClockMap, log: Path, by_force_clock: bool
 ) -> str:
-    """A remark where the drives move and the clock map, which is not applied to them, would shift their readings.
+    """Returns a remark where the drives move and the clock map, which they do not use, would shift their readings.
 
     Args:
-        stamps: (n,) of the readings.
+        stamps: (n,) stamps of the readings.
         values: name -> (n,) readings.
-        clock: between the force log and the camera.
-        log: the file that holds the readings.
+        clock: clock map between the force log and the camera.
+        log: the file of the readings.
         by_force_clock: whether the stamps are those of the force.
     """
     moving = [name for name, readings in values.items() if np.nanmax(readings) > np.nanmin(readings)]

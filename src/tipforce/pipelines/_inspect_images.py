@@ -37,7 +37,7 @@ class InspectionResult:
     vision: VisionSettings | ResolvedVision
 
     def thesis_figures(self) -> "dict[str, Figure]":
-        """Thesis figures 17 and 18 of ``image``: the steps of thesis algorithm 1."""
+        """Returns thesis figures 17 and 18 of ``image``: the steps of thesis algorithm 1."""
         steps = ClassicDetector(self.vision).steps(self.image)
         return {"figure17": figure_17(steps), "figure18": figure_18(steps)}
 

@@ -238,7 +238,7 @@ class _BenchInRealTime(ClosedAtExit):
         return self._simulation.true_force_n()
 
     def trouble(self) -> str:
-        """Why no image comes in time: one sentence, or empty."""
+        """Returns why no image comes in time: one sentence, or empty."""
         if not self._drawn:
             return (
                 "the simulated bench draws its first image; it is compiled when a computer draws one for the first time"
@@ -327,7 +327,7 @@ def live(
 
 
 def _control(source: Source, clock: Clock, hold: HoldSettings, *, with_page: bool) -> LiveControl:
-    """The loop for the drives of ``source``."""
+    """Makes the loop for the drives of ``source``."""
     drives = source.actuators if isinstance(source, _Driven) else None
     if drives is None:
         raise InputError(
@@ -350,7 +350,7 @@ def _control(source: Source, clock: Clock, hold: HoldSettings, *, with_page: boo
 
 
 def live_line(update: LiveUpdate) -> str:
-    """An update in one line for people: force with its interval, or why there is none, latency, drops.
+    """Returns an update in one line for people: force with its interval, or why there is none, latency, drops.
 
     >>> import numpy as np
     >>> from tipforce.live import LiveHealth

@@ -63,11 +63,11 @@ class _Estimates:
         """Does nothing: updates contain all that the loop needs."""
 
     def put(self, update: LiveUpdate) -> None:
-        """Also those of the watchdog, which are not valid."""
+        """Passes an estimate on, also one of the watchdog, which is not valid."""
         self._control.take(update)
 
     def close(self) -> None:
-        """Nothing: a loop that gets no estimates any more draws the catheter back by itself."""
+        """Does nothing: a loop that gets no estimates any more draws the catheter back by itself."""
 
 
 class LiveControl:
@@ -189,7 +189,7 @@ class LiveControl:
         return {axis: values[axis] for axis in self._axes}
 
     def _connected(self) -> ControlLoop | None:
-        """The loop, as soon as there are drives and a path."""
+        """Returns the loop, as soon as there are drives and a path."""
         if self._loop is None and (path := self._marks.path()) is not None:
             loop = ControlLoop(self._actuators, self._clock, path, self.settings, self._period_s)
             loop.safety.set_limit(self._limit_n)
@@ -280,9 +280,10 @@ class LiveControl:
         return loop is not None and not self._stopped and (loop.resumes or loop.state is not ControlState.IDLE)
 
     def set_limit(self, limit_n: float) -> None:
-        """The operator's limit, that of the alarm, is the loop's as well, from now on and also during a run.
+        """Sets the operator's limit, that of the alarm, as the loop's limit, also during a run.
 
-        Raises InputError for one above ``settings.safety.limit_n``: nothing that is pressed raises that.
+        Raises:
+            InputError: it is above ``settings.safety.limit_n``, which no button raises.
         """
         most_n = self.settings.safety.limit_n
         if not limit_n <= most_n:
@@ -294,11 +295,11 @@ class LiveControl:
         self._status = replace(self._status, limit_n=limit_n)
 
     def mark_start(self) -> None:
-        """The path begins where the drives are now. Raises InputError while a run is on its way."""
+        """Begins the path where the drives are now. Raises InputError during a run."""
         self._mark(lambda here: _Marks(here, self._marks.goal))
 
     def mark_goal(self) -> None:
-        """The path ends where the drives are now. Raises InputError while a run is on its way."""
+        """Ends the path where the drives are now. Raises InputError during a run."""
         self._mark(lambda here: _Marks(self._marks.start, here))
 
     def _mark(self, marked: Callable[[dict[str, float]], _Marks]) -> None:
@@ -362,7 +363,7 @@ class LiveControl:
             loop.stop()
 
     def release(self) -> None:
-        """After a stop: commands count again. Nothing moves before the next one."""
+        """Accepts commands again after a stop. Nothing moves before the next one."""
         with self._lock:
             if not self._stopped:
                 raise InputError("nothing is stopped")
@@ -376,7 +377,7 @@ class LiveControl:
             raise InputError(f"stopped ({self._why_stopped}); release it first")
 
     def _need_on_path(self, loop: ControlLoop) -> None:
-        """A target jumps to the path immediately: only drives that keep to the limits by themselves may be off it."""
+        """Checks that each drive faster than the limits is on the path: a target jumps to it immediately."""
         places, path, limits = self._places(), loop.path, self._actuators.limits
         on_path = path.targets(min(max(path.position_mm(places), 0.0), path.length_mm))
         own = {ADVANCE: self.settings.safety.max_advance_mm_per_s, KNOB: self.settings.safety.max_knob_deg_per_s}

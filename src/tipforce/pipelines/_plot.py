@@ -54,7 +54,7 @@ def plot_run(reader: RecordingReader, found: Labels | None, path: Path) -> None:
 
 
 def _together(reader: RecordingReader, stamp_ns: int) -> Image:
-    """The image of each view that is nearest to ``stamp_ns``, side by side."""
+    """Returns the image of each view that is nearest to ``stamp_ns``, side by side."""
     places = (int(np.argmin(np.abs(reader.stamps(view) - stamp_ns))) for view in reader.views)
     images = [reader.frame_at(place, view).image for place, view in zip(places, reader.views, strict=True)]
     if len(images) == 1:
@@ -115,7 +115,7 @@ def _findings(axes: Axes, reader: RecordingReader, origin_ns: int) -> None:
 
 
 def _camera_s(clock: ClockMap, first_ns: int, stretch_s: tuple[float, float], origin_ns: int) -> tuple[float, float]:
-    """A stretch of the force log, in seconds since its first row, on the camera's clock since ``origin_ns``."""
+    """Returns a stretch of the force log, in seconds since its first row, on the camera's clock since ``origin_ns``."""
     own = first_ns + np.rint(1e9 * np.array(stretch_s)).astype(np.int64)
     start, end = (clock.camera_ns(own) - origin_ns) * 1e-9
     return float(start), float(end)
@@ -139,7 +139,7 @@ def _intervals(axes: Axes, seconds: FloatArray) -> None:
 
 
 def plain_axes(axes: Axes) -> None:
-    """Two spines, a light grid."""
+    """Leaves two spines and a light grid."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(visible=True, color=INK, alpha=0.1, lw=0.6)
     axes.tick_params(colors=INK, labelsize=9)

@@ -28,7 +28,7 @@ _INFO = SessionInfo(
 
 
 def _images(count: int = 12) -> Iterator[npt.NDArray[np.uint8]]:
-    """(240, 320) images of a dark tube that bends more and more."""
+    """Yields (240, 320) images of a dark tube that bends more and more."""
     for number in range(count):
         x = np.arange(-10.0, 151.0)
         points = np.stack([x, 120.0 - (20.0 + 3.0 * number) * (x / 160.0) ** 2], axis=1)

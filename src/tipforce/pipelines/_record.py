@@ -240,7 +240,7 @@ def _state_facts(
     files: tuple[str, str] | None = None,
     status: IntArray | None = None,
 ) -> tuple[list[str], ClockMap]:
-    """Find pose, plausible readings, tare, inertia and clock map, and store them; returns remarks and the map."""
+    """Finds pose, plausible readings, tare, inertia and clock map, and stores them; returns remarks and the map."""
     names = files or ("the images", "the force")
     remarks: list[str] = []
     stamps, force = run.force
@@ -420,7 +420,7 @@ class _Run:
         self._stage: list[tuple[int, Mapping[str, float]]] = []
 
     def add(self, event: Event) -> None:
-        """Remember ``event``."""
+        """Remembers ``event``."""
         if isinstance(event, Frame):
             self._frames.append((event.stamp_ns, event.view))
             self._count += 1
@@ -433,7 +433,7 @@ class _Run:
             self._stage.append((event.stamp_ns, event.values))
 
     def stamps(self, view: str | None) -> IntArray:
-        """(n,) stamps of the frames of ``view``, or of all."""
+        """Returns (n,) stamps of the frames of ``view``, or of all."""
         return np.array([stamp for stamp, name in self._frames if view in (None, name)], dtype=np.int64)
 
     @property
@@ -463,7 +463,7 @@ class _RunDetector:
         self._every = _EVERY
 
     def take(self, frame: Frame) -> None:
-        """The next frame; the first ones wait until there are enough to calibrate vision on."""
+        """Takes the next frame; the first ones wait until there are enough to resolve the detection on."""
         if self._head is None:
             self._look(frame)
             return
@@ -519,7 +519,7 @@ def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) ->
 
 
 def _check_cover(names: tuple[str, str], frames: IntArray, force: IntArray, clock: ClockMap) -> list[str]:
-    """A remark where many images get no force. Raises TimeError where almost none gets one."""
+    """Returns a remark where many images get no force. Raises TimeError where almost none gets one."""
     count = int(covered_frames(clock.force_ns(frames), force).sum())
     if count >= MIN_COVERED_SHARE * len(frames):
         return []

@@ -88,13 +88,13 @@ class BenchRecording:
             self._watched.stop()
 
     def health(self) -> tuple[DeviceHealth, ...]:
-        """How the devices do now."""
+        """Returns the present health of the devices."""
         if self._hardware is not None:
             return self._hardware.health()
         return self._watched.health() if self._watched is not None else ()
 
     def seconds_so_far(self) -> float:
-        """Duration of the recording; 0 before it has begun."""
+        """Returns the duration of the recording in s; 0 before it has begun."""
         return self._watched.seconds() if self._watched is not None else 0.0
 
     def connect(self) -> list[str]:
@@ -219,13 +219,13 @@ class _Watched(ClosedAtExit):
         self._force = ForceMonitor(info.sensor.range_n)
 
     def stop(self) -> None:
-        """End after the event that comes next."""
+        """Ends after the event that comes next."""
         self._stopped = True
         if isinstance(self._source, HardwareSource):
             self._source.stop()
 
     def seconds(self) -> float:
-        """Since the first event's stamp."""
+        """Returns the time in s since the first event's stamp."""
         return 0.0 if self._began_ns is None else (self.clock.now_ns() - self._began_ns) * 1e-9
 
     def __iter__(self) -> Iterator[Event]:
@@ -248,7 +248,7 @@ class _Watched(ClosedAtExit):
                     return
 
     def health(self) -> tuple[DeviceHealth, ...]:
-        """Health of a source without devices, as one device."""
+        """Returns the health of a source without devices, as one device."""
         now = self.clock.now_ns()
         streams = tuple(
             StreamHealth(

@@ -121,7 +121,7 @@ def _write_session(
 
 
 def _masks(bench: SimulatedBench, truth: Truth) -> dict[str, list[bytes]]:
-    """The true masks of every view as PNGs, 255 where the catheter is."""
+    """Returns the true masks of every view as PNGs, 255 where the catheter is."""
     shown = dict(zip(bench.views, (truth, *truth.others.values()), strict=True))
     return {
         view: [

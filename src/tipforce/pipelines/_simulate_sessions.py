@@ -40,7 +40,7 @@ def _frames(bench: SimulatedBench, view: str, tick: Callable[[], None]) -> Itera
 
 
 def _named(stem: str, bench: SimulatedBench, view: str, suffix: str) -> str:
-    """A file a view: "video.mp4", or where there are two, "video_a.mp4"."""
+    """Returns the name of the file of a view: "video.mp4", or where there are two, "video_a.mp4"."""
     return f"{stem}{suffix}" if len(bench.views) == 1 else f"{stem}_{view}{suffix}"
 
 

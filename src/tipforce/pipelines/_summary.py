@@ -37,7 +37,7 @@ class RecordingSummary:
     paired: Mapping[str, int] = field(default_factory=dict[str, int])
 
     def figures(self) -> dict[str, Any]:
-        """All of it as JSON values; unknown numbers are None."""
+        """Returns all of it as JSON values; unknown numbers are None."""
         info = self.info
         return {
             "file": str(self.path),
@@ -160,7 +160,7 @@ def plot_summary(summary: RecordingSummary, path: Path | str) -> None:
 
 
 def describe_recording(summary: RecordingSummary) -> list[str]:
-    """One line a fact: file, streams, clock map, tare, sensor, forces."""
+    """Returns one line a fact: file, streams, clock map, tare, sensor, forces."""
     info, session = summary.info, summary.session_info
     size = f", {summary.image_size[0]}x{summary.image_size[1]} px" if summary.image_size else ""
     lines = [f"{summary.path}: session {session.name}, {summary.duration_s:.1f} s{size}"]
@@ -205,7 +205,7 @@ _NOUNS = {"frame": "frames", "wrench": "readings", "actuation": "readings", "est
 
 
 def _zeros(info: RecordingInfo) -> list[dict[str, str]]:
-    """The operator's zeros of a live run, in the order in which they were set or undone."""
+    """Returns the operator's zeros of a live run, in the order in which they were set or undone."""
     found = [record for name, record in info.metadata.items() if name.startswith(f"{SUBTRACTED_FORCE}.")]
     return sorted((dict(record) for record in found), key=lambda record: int(record["stamp_ns"]))
 

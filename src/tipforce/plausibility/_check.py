@@ -176,7 +176,7 @@ def _clipped(
 
 
 def _others_move(plateau: BoolArray, others: dict[int, FloatArray], noises: dict[int, AxisNoise]) -> bool:
-    """Whether the sensor is under a changing force on a plateau of an axis without visible noise.
+    """Returns whether the sensor is under a changing force on a plateau of an axis without visible noise.
 
     At rest a sensor with coarse steps repeats its value; then all axes are at rest. With a single axis, a plateau at
     the beginning of the log counts as rest.

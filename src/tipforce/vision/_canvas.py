@@ -205,12 +205,12 @@ def _width(text: str, size: float) -> int:
 
 
 def fixed(points: FloatArray) -> Any:
-    """Points in the fixed-point numbers that OpenCV draws with."""
+    """Returns points in the fixed-point numbers that OpenCV draws with."""
     return np.round(np.clip(points, -3e4, 3e4) * (1 << SHIFT)).astype(np.int32)
 
 
 def rgb(image: Image) -> Image:
-    """(h, w, 3) of a grey or RGB image."""
+    """Returns a grey or RGB image as RGB (h, w, 3)."""
     return np.repeat(image[:, :, None], 3, axis=2) if image.ndim == 2 else image
 
 

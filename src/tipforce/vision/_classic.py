@@ -102,7 +102,7 @@ class ClassicDetector:
         return ClassicSteps(status=status, detail=detail, grey=grey, threshold=threshold, binary=binary, **found)
 
     def _threshold(self, grey: Image) -> tuple[int, BoolArray]:
-        """Line 5: c, and the mask of the catheter: density less than c."""
+        """Computes line 5: c, and the mask of the catheter: density less than c."""
         roi = _box(self.settings.roi, grey)
         part = grey[roi]
         c = self.settings.threshold

@@ -232,7 +232,7 @@ class _Sample:
             self.stride *= 2
 
     def best(self, count: int) -> list[tuple[int, str, Image]]:
-        """At most ``count`` entries, the first and last among them."""
+        """Returns at most ``count`` entries, the first and last among them."""
         if len(self.entries) <= count:
             return list(self.entries)
         indices = np.linspace(0, len(self.entries) - 1, count).round().astype(int)

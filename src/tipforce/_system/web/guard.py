@@ -75,7 +75,7 @@ class Guard:
 
     @staticmethod
     def _own_origin(scope: Scope, headers: Headers, host: str) -> bool:
-        """Whether the origin is this server. A browser states it on sockets and changing requests; programs do not."""
+        """Returns whether the origin is this server. Browsers state it on sockets and changing requests."""
         origin = headers.get("origin")
         harmless = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
         if origin is None or harmless:

@@ -102,7 +102,7 @@ class _Check:
                 raise self._refused("has graphs or sparse tensors within its operators")
 
     def _tensor(self, tensor: memoryview) -> None:
-        """Each value takes a byte at least, so a tensor cannot have more values than its message has bytes."""
+        """Checks a tensor: a value takes a byte at least, so it cannot have more values than its message has bytes."""
         lengths: list[int] = []
         for number, value in self._fields(tensor):
             if number == 1:

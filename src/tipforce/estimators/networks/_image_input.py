@@ -40,7 +40,7 @@ _CORRELATED_ROWS = 24
 
 
 def is_white_noise(image: Image) -> bool:
-    """Whether the pixels of an image (h, w) or (h, w, 3) have nothing in common with their neighbours.
+    """Returns whether the pixels of an image (h, w) or (h, w, 3) have nothing in common with their neighbours.
 
     >>> is_white_noise(np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8))
     True
@@ -166,7 +166,7 @@ def moved(window: Window, inward_px: float) -> Window:
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def _crop(image: Image, u0: float, v0: float, cos: float, sin: float, side: float, out: Image) -> None:
-    """Separable area averaging with boxes as wide as a pixel of ``out``, at least one image pixel."""
+    """Averages over separable areas, boxes as wide as a pixel of ``out``, at least one image pixel."""
     size = out.shape[0]
     height, width, channels = image.shape
     scale = side / size
@@ -235,7 +235,7 @@ def _crop(image: Image, u0: float, v0: float, cos: float, sin: float, side: floa
 
 
 def resize_to_resnet(image: Image) -> Image:
-    """Resize all of ``image`` to (224, 224, 3), without its aspect ratio, as in the thesis.
+    """Resizes all of ``image`` to (224, 224, 3), without its aspect ratio, as in the thesis.
 
     Grey images are repeated in three channels. Each pixel is the mean over the area that it covers: a thin catheter
     must not fall between the rows.
@@ -283,7 +283,7 @@ def _average_areas(
     across: npt.NDArray[np.float32],
     out: Image,
 ) -> None:
-    """Average ``image`` (h, w * channels) over areas: first over rows for all columns together, then along each row."""
+    """Averages ``image`` (h, w * channels) over areas: first over rows for all columns together, then along rows."""
     row = np.empty(image.shape[1], np.float32)
     mean = np.empty(out.shape[1], np.float32)
     for y in range(out.shape[0]):

@@ -394,7 +394,7 @@ class NetworkEstimator(FineTunable):
         return frozenset(arrays | {CHECKPOINT_FILE, LOG_FILE, PREPARED_FILE})
 
     def to_onnx(self) -> tuple[bytes, dict[str, Any]]:
-        """The graph in 32 bits, and how far it is from the trained network."""
+        """Returns the graph in 32 bits, and how far it is from the trained network."""
         return self.files()[GRAPH_FILE], {"parity_n": self._fitted().facts.parity_with_network_n}
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> "NetworkStream":

@@ -198,7 +198,7 @@ def prepare(
 
 
 def _kept(note: Path, key: str, count: int) -> tuple[IntArray, str] | None:
-    """The samples that prepared files hold, and the first that was skipped; None where they are of another key.
+    """Returns the samples of prepared files, and the first that was skipped; None where they are of another key.
 
     Raises:
         FileFormatError: the note beside the files is damaged.

@@ -124,7 +124,7 @@ class Compact(NetworkEstimator):
         return (*COMPACT_OUTPUTS, *TISSUE_OUTPUTS) if self._tissue else COMPACT_OUTPUTS
 
     def resolve_settings(self, dataset: Dataset) -> None:
-        """Find whether there are classes of tissue, and the border of the base if the metadata do not state it.
+        """Finds whether there are classes of tissue, and the border of the base if the metadata do not state it.
 
         Where the border cannot be detected, whole images are used.
         """
@@ -256,7 +256,7 @@ class Compact(NetworkEstimator):
         )
 
     def fit_arrays(self, calibration: CalibrationBatch) -> Arrays:
-        """Fit uncertainty, abstention limits and rate compensation.
+        """Fits uncertainty, abstention limits and rate compensation.
 
         Images as they are augmented in training count as in distribution, except for its out-of-distribution ones.
         """

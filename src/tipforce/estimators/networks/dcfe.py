@@ -61,7 +61,7 @@ class Dcfe(NetworkEstimator):
         return ResnetTask(int(known.sum()), actuation)
 
     def fit_arrays(self, calibration: CalibrationBatch) -> Arrays:
-        """Fit the out-of-distribution detector."""
+        """Fits the out-of-distribution detector."""
         training, held_out = (
             calibration.outputs(held_out=held_out, augmented=False)["pooled"] for held_out in (False, True)
         )

@@ -225,7 +225,7 @@ class RodModelEstimator(CentrelineEstimator):
         return self
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
-        """A stream for one session; see `Estimator.start`."""
+        """Returns a stream for one session; see `Estimator.start`."""
         if missing := missing_metadata(self.required_metadata, info):
             return UninformedStream(missing)
         return RodModelStream(self, info, images)
@@ -281,7 +281,7 @@ class RodModelEstimator(CentrelineEstimator):
         return fit_force(model, line.stations_m[-2 * self.stations :], noise)
 
     def _model_of(self, info: SessionInfo, knob_deg: float, factor: float, offset_per_m: float) -> RodModel:
-        """The model of a session's catheter at one angle of its knob."""
+        """Returns the model of a session's catheter at one angle of its knob."""
         catheter = info.catheter
         learnt = self.fitted_ is not None and not self.fitted_.stiffness_stated
         nominal = self.settings.stiffness_nm2 or (None if learnt else catheter.bending_stiffness_nm2)
@@ -298,7 +298,7 @@ class RodModelEstimator(CentrelineEstimator):
     def _stiffness_and_offset(
         self, lines: Sequence[RodLine], infos: Sequence[SessionInfo], force: FloatArray
     ) -> tuple[float, float]:
-        """Factor of the stiffness and offset of the pre-curvature: least squares, weighted by stated uncertainties."""
+        """Fits stiffness factor and offset of the pre-curvature: least squares, weighted by stated uncertainties."""
         stated = _unfitted(self.settings, self.stations).covariance_m2
         root = np.linalg.cholesky(np.linalg.inv(stated))
 
@@ -321,7 +321,7 @@ class RodModelEstimator(CentrelineEstimator):
     def _wrong(
         self, lines: Sequence[RodLine], infos: Sequence[SessionInfo], force: FloatArray, factor: float, offset: float
     ) -> FloatArray:
-        """(n, 2 k): detected less modelled stations under known forces (n, 2)."""
+        """Returns (n, 2 k) detected less modelled stations under known forces (n, 2)."""
         return np.array(
             [
                 line.stations_m[-2 * self.stations :]
@@ -331,7 +331,7 @@ class RodModelEstimator(CentrelineEstimator):
         )
 
     def _shared_vision(self, dataset: Dataset) -> ResolvedVision | None:
-        """The detection of the first session that shows a catheter: sessions without images at hand begin with it."""
+        """Returns the detection of the first session that shows a catheter; sessions without images begin with it."""
         for name in dataset.sessions:
             images = calibration_images(dataset, name, self.views[0])
             vision = SessionDetector(self.settings.vision, dataset.session_info[name], images).vision
@@ -424,7 +424,7 @@ class RodModelStream:
         self._reader = estimator.reader(info, images)
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """The force at this observation; its status says why where there is none."""
+        """Estimates the force at this observation; its status states why where there is none."""
         line = self._reader.read(observation)
         if isinstance(line, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, line.status, line.detail, self._reader.shape)
@@ -449,7 +449,7 @@ def _model(
 
 
 def _unfitted(settings: RodModelSettings, stations: int) -> _Fitted:
-    """Stated uncertainties in place of measured ones, propagated to the stations of a straight catheter of 50 mm."""
+    """Propagates stated uncertainties, in place of measured ones, to the stations of a straight catheter of 50 mm."""
     length = 0.05
     arc = np.arange(STATIONS + 1 - stations, STATIONS + 1) / STATIONS * length
     none, one = np.zeros(stations), np.ones(stations)
@@ -467,7 +467,7 @@ def _unfitted(settings: RodModelSettings, stations: int) -> _Fitted:
 
 
 def _interval(fits: Sequence[ForceFit], force: FloatArray, session: npt.NDArray[np.str_], sampling: str) -> Interval:
-    """Conformal half-widths in standard deviations; ``sampling``: empty where the sessions were held out."""
+    """Returns conformal half-widths in standard deviations; ``sampling``: empty where the sessions were held out."""
     use = np.array([fit.converged for fit in fits], np.bool_)
     if not use.any():
         return replace(_GAUSSIAN, half_n=np.array([np.inf, np.inf, np.nan]), magnitude_half_n=np.inf)

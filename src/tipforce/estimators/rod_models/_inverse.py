@@ -57,7 +57,7 @@ class StationNoise:
 
 
 def line_stations(points_m: FloatArray) -> FloatArray:
-    """(2 STATIONS,): stations of a centreline (n, 2), base to tip and uniform in arc length: x, y, x, y, ...
+    """Returns the stations of a centreline (n, 2), base to tip and uniform in arc length: (2 STATIONS,) x, y, x, y, ...
 
     >>> line_stations(np.array([[0.0, 0.0], [0.04, 0.0], [0.08, 0.0]]))[-4:].round(3).tolist()
     [0.07, 0.0, 0.08, 0.0]

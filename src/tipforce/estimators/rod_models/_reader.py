@@ -43,7 +43,7 @@ class RodReader:
         return self._detection.key
 
     def read(self, observation: Observation) -> RodLine | Abstention:
-        """The stations in metres, or why there are none."""
+        """Returns the stations in metres, or the reason why there are none."""
         line = self._detection.read(observation)
         knob = np.zeros(1)
         if self._info.actuation.knob_gain_per_m_deg:

@@ -101,7 +101,7 @@ def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Gene
 
 
 def training_started(model: Path) -> bool:
-    """Whether a training of ``model`` was interrupted and left a checkpoint."""
+    """Returns whether a training of ``model`` was interrupted and left a checkpoint."""
     return (_folder(model) / CHECKPOINT_FILE).is_file()
 
 

@@ -214,7 +214,7 @@ def _checked(folder: Path, name: str, expected: str) -> bytes:
 
 
 def _is_own(name: str) -> bool:
-    """Whether ``name`` is a further file of the method, within the folder."""
+    """Returns whether ``name`` is a further file of the method, within the folder."""
     return name not in (MANIFEST, ARRAYS, CARD) and Path(name).name == name and not name.startswith(".")
 
 

@@ -52,7 +52,7 @@ def regression_graph(machines: Machines, names: Sequence[str], targets: Sequence
 
 
 def _probes(machines: Machines) -> FloatArray:
-    """(PROBES, k) raw features between and a little beyond the support vectors."""
+    """Returns (PROBES, k) raw features between and a little beyond the support vectors."""
     draw = np.random.default_rng(0)
     pairs = machines.vectors[draw.integers(0, len(machines.vectors), (2, PROBES))]
     scaled = pairs[0] + draw.uniform(-0.5, 1.5, (PROBES, 1)) * (pairs[1] - pairs[0])

@@ -107,7 +107,7 @@ def _agreement(result: MethodResult, slug: str) -> Drawing:
 
 
 def _coverage(evaluation: Evaluation) -> dict[str, Drawing]:
-    """Coverage by force and, where the contact angle is known, by angle, all methods under the strictest protocol."""
+    """Draws coverage by force and, where the contact angle is known, by angle, under the strictest protocol."""
     results = {m.label: evaluation.result(m.label, evaluation.strictest) for m in evaluation.methods}
     found: list[tuple[str, dict[str, Any], str, str, str]] = []
     for key, unit, axis_label, title in (
@@ -136,7 +136,7 @@ def _coverage(evaluation: Evaluation) -> dict[str, Drawing]:
 
 
 def _retention(evaluation: Evaluation) -> Drawing | None:
-    """Error over the share abstained, all methods under the strictest protocol; None where none gave an estimate."""
+    """Draws error over the share abstained under the strictest protocol; None where no method gave an estimate."""
     results = [each for each in evaluation.results if each.protocol == evaluation.strictest]
     curves = {each.method: (each.truth_metrics or each.metrics)["trust"]["retention"] for each in results}
     curves = {method: curve for method, curve in curves.items() if curve["mae_n"]}
@@ -153,7 +153,7 @@ def _retention(evaluation: Evaluation) -> Drawing | None:
 
 
 def _splits(evaluation: Evaluation) -> Drawing:
-    """The protocols side by side, all methods and the constant predictor."""
+    """Draws the protocols side by side, all methods and the constant predictor."""
     labels = [*(method.label for method in evaluation.methods), Constant.name]
     maes = {
         label: {each.protocol: _mae_and_sessions(each) for each in evaluation.results if each.method == label}
@@ -167,7 +167,7 @@ def _splits(evaluation: Evaluation) -> Drawing:
 
 
 def _bound(evaluation: Evaluation) -> Drawing | None:
-    """All methods' errors over their Cramer-Rao bounds under the strictest protocol; None without any bound."""
+    """Draws all methods' errors over their Cramer-Rao bounds under the strictest protocol; None without any bound."""
     results = [each for each in evaluation.results if each.protocol == evaluation.strictest and each.bound_ratios]
     ratios = {each.method: each.bound_ratios or {} for each in results}
     quantities = [
@@ -184,7 +184,7 @@ def _bound(evaluation: Evaluation) -> Drawing | None:
 
 
 def _perturbed(evaluation: Evaluation) -> Drawing | None:
-    """Errors under perturbations, all methods; None where they were not asked for."""
+    """Draws errors under perturbations, all methods; None where they were not requested."""
     if not evaluation.perturbed:
         return None
     caption = (
@@ -268,7 +268,7 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
 
 
 def _of_training(evaluation: Evaluation, result: MethodResult, name: str) -> list[Drawing]:
-    """The learning curve of the saved model, or of the first fit, where the method keeps a log."""
+    """Draws the learning curve of the saved model, or of the first fit, where the method keeps a log."""
     saved = next(each.saved for each in evaluation.methods if each.label == result.method)
     epochs = training_log(saved or result.fits[0].estimator)
     if not epochs:
@@ -286,7 +286,7 @@ def _of_training(evaluation: Evaluation, result: MethodResult, name: str) -> lis
 
 
 def _of_components(evaluation: Evaluation, result: MethodResult, name: str) -> list[Drawing]:
-    """The thesis's figures 30, 31 and 32."""
+    """Draws the thesis's figures 30, 31 and 32."""
     split = f"Test samples of the split “{PROTOCOL_WORDS[result.protocol].name}”"
     sheet = sample_sheet(evaluation.dataset, result.predictions, result.fits[0].estimator.views[0])
     made = [

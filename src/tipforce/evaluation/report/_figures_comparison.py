@@ -13,7 +13,7 @@ _MARKERS = "os^DvPX*"
 
 
 def figure_comparison(compared: Mapping[str, Any]) -> Figure:
-    """Mean absolute error (left) and bias (right) over the measured force, a line a method.
+    """Plots mean absolute error (left) and bias (right) over the measured force, a line a method.
 
     Args:
         compared: Result of `comparison`.

@@ -91,7 +91,7 @@ _Lines = Sequence[Mapping[str, Any]]
 
 
 def figure_perturbed(lines: Mapping[str, _Lines]) -> Figure:
-    """Error and share abstained over the size of each perturbation; a column for each kind.
+    """Plots error and share abstained over the size of each perturbation; a column for each kind.
 
     Kinds that differ in the force alone, whose magnitude is the same, are shown once.
 

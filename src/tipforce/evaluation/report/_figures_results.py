@@ -139,7 +139,7 @@ def figure_scatter(predictions: Predictions, *, width_in: float = 5.6, height_in
 
 
 def _step(top: float) -> float:
-    """Distance of ticks that shows both limits of the force window where the forces are small."""
+    """Returns a distance of ticks that shows both limits of the force window where the forces are small."""
     return next((step for step in (0.1, 0.2, 0.5, 1.0, 2.0) if top / step <= 8), 5.0)
 
 
@@ -353,7 +353,7 @@ _LIGHT = {"#e69f00", "#56b4e9", "#cc79a7"}
 
 
 def figure_residuals(predictions: Predictions) -> Figure:
-    """Error over the measured magnitude, with the median error and the median 90 % interval as a band."""
+    """Plots the error over the measured magnitude, with the median error and the median 90 % interval as a band."""
     reference, estimate, interval = predictions.column("magnitude")
     use = predictions.valid
     reference, estimate, interval = reference[use], estimate[use], _bounded(interval[use])
@@ -451,7 +451,7 @@ def figure_sessions(
 
 
 def _stretches(seconds: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
-    """Start and end of every run of True; a single sample still has a visible width."""
+    """Returns start and end of every run of True; a single sample still has a visible width."""
     step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
     edges = np.diff(np.concatenate([[0], chosen.astype(np.int64), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
@@ -459,7 +459,7 @@ def _stretches(seconds: FloatArray, chosen: BoolArray) -> list[tuple[float, floa
 
 
 def _bounded(interval: FloatArray) -> FloatArray:
-    """An unbounded interval is not drawn."""
+    """Replaces unbounded intervals by NaN, so that they are not drawn."""
     return np.where(np.isfinite(interval).all(axis=1, keepdims=True), interval, np.nan)
 
 

@@ -59,7 +59,7 @@ def figure_23a(predictions: Predictions, *, width_in: float = WIDTH_IN) -> Figur
 
 
 def figure_23b(panels_of: Mapping[str, Predictions]) -> Figure:
-    """Estimated over true magnitude with the line y = x (thesis fig. 23b), one panel for each of ``panels_of``."""
+    """Plots estimated over true magnitude with the line y = x (thesis fig. 23b), a panel for each of ``panels_of``."""
     method = next(iter(panels_of.values())).method
     shown = [predictions for predictions in panels_of.values() if predictions.valid.any()]
     top = max((_top(predictions) for predictions in shown), default=1.0)
@@ -78,7 +78,7 @@ def figure_23b(panels_of: Mapping[str, Predictions]) -> Figure:
 
 
 def figure_24(predictions: Predictions) -> Figure:
-    """Observed and fitted force over the training samples (thesis fig. 24)."""
+    """Plots observed and fitted force over the training samples (thesis fig. 24)."""
     part = predictions.where(np.arange(min(len(predictions), MAX_LEGIBLE_SAMPLES)))
 
     def draw(figure: Figure) -> None:
@@ -119,7 +119,7 @@ def _top(predictions: Predictions) -> float:
 
 
 def _limit(percent: FloatArray) -> float:
-    """Half height of the scale: all points where that is legible, else 98 % of them."""
+    """Returns half the height of the scale: all points where that is legible, else 98 % of them."""
     if not len(percent):
         return 10.0
     size = np.abs(percent)
@@ -129,7 +129,7 @@ def _limit(percent: FloatArray) -> float:
 
 
 def figure_31(predictions: Predictions) -> Figure:
-    """Distribution of measured and estimated force by direction (thesis fig. 31): rx, px; ry, py."""
+    """Plots the distribution of measured and estimated force by direction (thesis fig. 31): rx, px; ry, py."""
     axes_of = _components(predictions)
     use = predictions.valid
 
@@ -160,7 +160,7 @@ def figure_31(predictions: Predictions) -> Figure:
 
 
 def figure_32(predictions: Predictions) -> Figure:
-    """Measured and estimated force over the test samples, a panel for each direction (thesis fig. 32)."""
+    """Plots measured and estimated force over the test samples, a panel for each direction (thesis fig. 32)."""
     part = predictions.where(np.arange(min(len(predictions), MAX_LEGIBLE_SAMPLES)))
     axes_of = _components(predictions)
 
@@ -217,7 +217,7 @@ def sample_sheet(dataset: Dataset, predictions: Predictions, view: str) -> Image
 
 
 def _tile(image: Image) -> Image:
-    """``image`` in colour and `_TILE_PX` wide."""
+    """Returns ``image`` in colour and `_TILE_PX` wide."""
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image
     high = max(1, round(colour.shape[0] * _TILE_PX / colour.shape[1]))
     way = cv2.INTER_AREA if colour.shape[1] > _TILE_PX else cv2.INTER_NEAREST

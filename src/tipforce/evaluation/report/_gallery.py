@@ -102,7 +102,7 @@ def _both(newtons: float) -> str:
 
 
 def _photo(image: Image) -> str:
-    """An RGB or grey image as a JPEG in a data URI, of limited width."""
+    """Returns an RGB or grey image as a JPEG in a data URI, of limited width."""
     scale = min(1.0, _WIDTH_PX / image.shape[1])
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
     return jpeg_uri(small)  # type: ignore[arg-type]
@@ -139,7 +139,7 @@ def _curve_svg(view: ShapeFeatures, others: list[FloatArray], name: str) -> str:
 
 
 def _curve_of_features(view: ShapeFeatures, points: int = 48) -> FloatArray | None:
-    """(points, 2): y(x) for x in 0..1, in the file's own unit, where the names are powers ``A1`` (highest) ... ``A5``.
+    """Returns (points, 2): y(x) for x in 0..1, in the file's own unit, for powers ``A1`` (highest) ... ``A5``.
 
     Coefficients without the constant A5 start at the base's origin. None for other features.
     """

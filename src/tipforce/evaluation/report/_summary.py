@@ -31,7 +31,7 @@ def best_method(evaluation: Evaluation) -> str:
 
 
 def verdict(evaluation: Evaluation) -> list[str]:
-    """The answer in sentences: the error on held-out sessions, its confidence interval, the 90 % intervals."""
+    """Returns the result in sentences: the error on held-out sessions, its confidence interval, the 90 % intervals."""
     method, strictest = best_method(evaluation), evaluation.strictest
     result, constant = evaluation.result(method, strictest), evaluation.result(Constant.name, strictest)
     assert result is not None
@@ -67,7 +67,7 @@ def verdict(evaluation: Evaluation) -> list[str]:
 
 
 def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
-    """Everything but the figures, ready for JSON: no NaN.
+    """Returns everything but the figures, ready for JSON: no NaN.
 
     Args:
         evaluation: The evaluation.
@@ -132,7 +132,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
 
 
 def _bound(evaluation: Evaluation) -> dict[str, Any] | None:
-    """The kinds of Cramer-Rao bound that errors were compared with, and their unknown quantities."""
+    """Returns the kinds of Cramer-Rao bound that errors were compared with, and their unknown quantities."""
     bounds = evaluation.bounds
     if bounds is None or not bounds.std_n:
         return None
@@ -183,7 +183,7 @@ def _splits(result: MethodResult) -> Sequence[dict[str, Any]]:
 
 
 def _confidence(ends: Sequence[float], sessions: int) -> str:
-    """How far the MAE over these sessions can be trusted."""
+    """States how far the MAE over these sessions can be trusted."""
     if not np.isfinite(ends).all():
         few = "1 session is" if sessions == 1 else f"{sessions} sessions are"
         return f"{few} too few for a confidence interval of the MAE (at least {MIN_SESSIONS})."
@@ -196,7 +196,7 @@ def _both(newtons: float) -> str:
 
 
 def _five_samples(evaluation: Evaluation, method: str) -> dict[str, Any] | None:
-    """Thesis table 3: five scaled samples of the first training part, from the largest force to the smallest."""
+    """Returns thesis table 3: five scaled samples of the first training part, from largest to smallest force."""
     first = next(each for each in evaluation.results if each.method == method).fits[0]
     if not isinstance(first.estimator, ShowsFeatures) or not len(first.split.train):
         return None

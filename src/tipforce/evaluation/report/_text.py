@@ -12,7 +12,10 @@ from .._robustness import UNPERTURBED
 
 
 def _number(value: float | None, digits: int, small_digits: int | None = None, small: float = 1.0) -> str:
-    """``value`` with ``digits`` decimals, ``small_digits`` below ``small``; a dash where missing; U+2212 as minus."""
+    """Writes ``value`` with ``digits`` decimals, ``small_digits`` below ``small``.
+
+    A missing value is a dash, and U+2212 is the minus.
+    """
     if value is None or not math.isfinite(value):
         return "–"
     text = f"{value:.{digits if small_digits is None or abs(value) >= small else small_digits}f}"
@@ -51,7 +54,7 @@ def _share(share: float | None) -> str:
 
 
 def _facts(value: Any) -> str:
-    """Nested facts on one line, numbers short."""
+    """Writes nested facts on one line, numbers short."""
     if isinstance(value, dict):
         return ", ".join(f"{str(key).replace('_', ' ')} {_facts(item)}" for key, item in value.items())
     if isinstance(value, list):
@@ -78,7 +81,7 @@ _HEAD = ("", "MAE g", "MAE mN", "95 % CI mN", "RMSE mN", "max mN", "bias mN", "R
 
 
 def report_lines(metrics: dict[str, Any]) -> list[str]:
-    """The report in a few lines of text: verdict, notes, the table of results.
+    """Returns the report in a few lines of text: verdict, notes, the table of results.
 
     Args:
         metrics: Result of `write_report` or `summary`.
@@ -127,7 +130,7 @@ _COMPARED = ("", "MAE mN", "RMSE", "max", "bias", "Fx MAE", "Fy MAE", "R2", "cov
 
 
 def _comparison_lines(metrics: dict[str, Any]) -> list[str]:
-    """Thesis table 2, measured: a line a method, sensors in the tip, and where each method breaks."""
+    """Writes thesis table 2, measured: a line a method, sensors in the tip, and where each method breaks."""
     compared = metrics["comparison"]
     if compared is None:
         return []
@@ -148,7 +151,7 @@ _BESIDE_THESIS = ("", "forces N", "MAE mN", "min", "max", "RMSE x, y mN", "max x
 
 
 def _thesis_lines(metrics: dict[str, Any]) -> list[str]:
-    """Each of the thesis's methods under its protocol beside the thesis's own figures, and the differences."""
+    """Writes each of the thesis's methods under its protocol beside the thesis's own figures, and the differences."""
     mn, newtons, lines = FILTERS["mn"], FILTERS["newtons"], list[str]()
     for beside in metrics["beside_thesis"].values():
         table: list[tuple[str, ...]] = []
@@ -177,7 +180,7 @@ def _thesis_lines(metrics: dict[str, Any]) -> list[str]:
 
 
 def _trust_lines(metrics: dict[str, Any]) -> list[str]:
-    """A line a method: wrong answers, area under its error over abstention, coverage by force, the worst stratum."""
+    """Writes a line a method: wrong estimates, area under its retention curve, coverage by force, worst stratum."""
     truth = metrics["data"]["truth"]
     results = [each for each in metrics["results"] if each["protocol"] == metrics["strictest_protocol"]]
     trusts = {each["method"]: each["against_truth" if truth else "against_sensor"]["trust"] for each in results}
@@ -212,7 +215,7 @@ def _trust_lines(metrics: dict[str, Any]) -> list[str]:
 
 
 def _bound_lines(metrics: dict[str, Any]) -> list[str]:
-    """One line: each method's error over its Cramer-Rao bound under the strictest protocol."""
+    """Writes in one line each method's error over its Cramer-Rao bound under the strictest protocol."""
     fixed, ratios = FILTERS["fixed"], list[str]()
     for result in metrics["results"]:
         bound = result["against_bound"]
@@ -226,7 +229,7 @@ def _bound_lines(metrics: dict[str, Any]) -> list[str]:
 
 
 def _perturbed_lines(metrics: dict[str, Any]) -> list[str]:
-    """Each method's error under the largest perturbation of each kind."""
+    """Writes each method's error under the largest perturbation of each kind."""
     if metrics["perturbed"] is None:
         return []
     mn, share, found = FILTERS["mn"], FILTERS["share"], list[str]()

@@ -29,7 +29,7 @@ _PER_SI_UNIT = {"deg": math.degrees(1.0), "rad": 1.0, "m": 1.0, "mm": 1e3, "um":
 
 
 def is_bag(path: Path) -> bool:
-    """Whether ``path`` is a ROS bag (.bag, .db3, a folder with metadata.yaml) or an MCAP file of another program."""
+    """Returns whether ``path`` is a ROS bag (.bag, .db3, a folder with metadata.yaml) or a foreign MCAP file."""
     if path.is_dir():
         return (path / "metadata.yaml").is_file()
     return path.suffix in (".bag", ".db3") or (path.suffix == ".mcap" and path.is_file() and is_foreign(path))

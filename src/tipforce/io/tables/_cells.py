@@ -96,7 +96,7 @@ class ColumnTable(Table):
 
 
 def _is_whole(array: "np.ndarray") -> bool:  # type: ignore[type-arg]
-    """Whether all values are whole numbers that a float holds exactly: MATLAB stores floats by default."""
+    """Returns whether all values are whole numbers that a float holds exactly: MATLAB stores floats by default."""
     values: FloatArray | IntArray = array
     return values.dtype.kind in "iub" or bool(np.all(np.isfinite(values)) and np.all(values == np.rint(values)))
 

@@ -18,12 +18,12 @@ _FORCE = re.compile(r"^[ft][xyz]_[a-z]+$", re.IGNORECASE)
 
 
 def is_force(column: str) -> bool:
-    """Whether a column is a label by its name: a force or torque such as ``fx_n``, ``tz_nmm``."""
+    """Returns whether a column is a label by its name: a force or torque such as ``fx_n``, ``tz_nmm``."""
     return bool(_FORCE.match(column))
 
 
 def is_actuation(column: str) -> bool:
-    """Whether a column holds readings of a drive by its name: NAME_UNIT, and no label.
+    """Returns whether a column holds readings of a drive by its name: NAME_UNIT, and no label.
 
     >>> [name for name in ("knob_deg", "fx_n", "note_mm", "speed") if is_actuation(name)]
     ['knob_deg']

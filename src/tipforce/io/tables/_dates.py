@@ -77,7 +77,7 @@ class Times:
 
 
 def is_time_text(text: str) -> bool:
-    """Whether ``text`` is a time of day, a date with a time, or a date.
+    """Returns whether ``text`` is a time of day, a date with a time, or a date.
 
     >>> [is_time_text(text) for text in ("10:23:45,125", "31.12.2026 23:59:59", "Aug 1, 2018 10:23:45 AM", "12.5")]
     [True, True, True, False]
@@ -87,7 +87,7 @@ def is_time_text(text: str) -> bool:
 
 
 def is_time_of_day(text: str) -> bool:
-    """Whether ``text`` is a time without a date."""
+    """Returns whether ``text`` is a time without a date."""
     found = _STAMP.match(text.translate(_OTHER_BLANKS))
     return found is not None and found["day"] is None
 

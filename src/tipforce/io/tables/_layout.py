@@ -315,7 +315,7 @@ def _rows_of_width(path: Path, alternatives: Mapping[str, Rows], columns: Sequen
 
 
 def _are_rows(rows: Rows, start: int, width: int) -> bool:
-    """Whether the next rows hold numbers or times in their first ``width`` cells, and none in further cells."""
+    """Returns whether the next rows hold numbers or times in their first ``width`` cells, and none in further cells."""
     below = rows[start : start + _CHECKED_ROWS]
     return bool(below) and all(_is_row(cells, width) for _, cells in below)
 
@@ -333,7 +333,7 @@ def _is_value(cell: str) -> bool:
 
 
 def _is_unit_row(rows: Rows, at: int) -> bool:
-    """Whether the row below the header at ``at`` holds units, unlike the rows below it."""
+    """Returns whether the row below the header at ``at`` holds units, unlike the rows below it."""
     if at + 2 >= len(rows):
         return False
     cells = rows[at + 1][1]
@@ -356,7 +356,7 @@ def _facts(rows: Iterable[Sequence[str]]) -> dict[str, str]:
 
 
 def _states(cell: str, facts: dict[str, str]) -> bool:
-    """Whether a cell of the header states a value instead of a name; the value is added to ``facts``."""
+    """Returns whether a cell of the header states a value instead of a name; the value is added to ``facts``."""
     found = _FACT.match(cell) if "=" in cell else None
     if found:
         facts[found[1].lower()] = found[2]
@@ -399,6 +399,6 @@ def _signs(
 
 
 def _is_grouped(cell: str) -> bool:
-    """Whether the thousands of a number are certainly grouped: it has two groups, or both signs."""
+    """Returns whether the thousands of a number are certainly grouped: it has two groups, or both signs."""
     digits = cell.lstrip("+-")
     return bool(_GROUPED.match(cell)) and (len(re.findall(r"[.,]", digits)) > 1)

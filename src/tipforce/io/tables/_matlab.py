@@ -141,7 +141,7 @@ def _flat(variables: Mapping[str, Any], before: str = "") -> Iterator[tuple[str,
 
 
 def _is_readable(array: "np.ndarray") -> bool:  # type: ignore[type-arg]
-    """Whether an array holds numbers or texts."""
+    """Returns whether an array holds numbers or texts."""
     return array.dtype.kind in "fiubU" or all(isinstance(each, str) for each in array.ravel())
 
 

@@ -90,7 +90,7 @@ class Table:
                 raise TableError(f"{self.path}: is no table that can be read ({error}); export it as CSV") from None
 
     def _may_be_number(self, cell: str) -> bool:
-        """Whether a cell beyond the header may be part of a number; a remark in a log is none."""
+        """Returns whether a cell beyond the header may be part of a number; a remark in a log is none."""
         return bool(cell) and (not self._key or cell[0].isdigit())
 
     def _too_wide(self, number: int, row: Sequence[str]) -> str:

@@ -56,7 +56,7 @@ def shown_image(
 
 
 def _states_its_depth(decoded: av.VideoFrame) -> bool:
-    """Whether the pixel format states the bits in use; grey or RGB of 16 bits may be from a camera of 12 bits."""
+    """Returns whether the pixel format states the bits in use; 16 bits may come from a camera of 12 bits."""
     return decoded.format.components[0].bits < 16 or not (_is_grey(decoded) or decoded.format.is_rgb)
 
 

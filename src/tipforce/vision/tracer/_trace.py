@@ -303,7 +303,7 @@ def _flank_kind(pair: _Pair, contrast: float) -> int:
 
 @fast
 def _fits_shaft(pair: _Pair, n: int, gap: float, contrast: float, max_gap: float) -> bool:
-    """Whether the pair has the width that a continuation of the shaft must have, behind a gap above all."""
+    """Returns whether the pair has the width that a continuation of the shaft must have, behind a gap above all."""
     weaker = min(abs(pair.left_drop), abs(pair.right_drop))
     if gap > 0.0 and n > 3:
         widest = LIMITS.max_deviation_short_gap if gap <= max_gap else LIMITS.max_deviation_long_gap
