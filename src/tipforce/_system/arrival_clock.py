@@ -22,9 +22,12 @@ _NEW_DELAY_WEIGHT = 0.02
 
 @dataclass(frozen=True, slots=True)
 class ClockReport:
-    """Offset of a device's clock: ``offset_s`` = host minus device; NaN where its stamps are those of the arrival.
+    """Offset of a device's clock.
 
-    ``delay_s``: mean delay of the arrival beyond the smallest one; ``drift_ppm``: drift of the offset, NaN until known.
+    Attributes:
+        offset_s: clock of the host minus that of the device; NaN where its stamps are those of the arrival.
+        delay_s: mean delay of the arrival beyond the smallest one.
+        drift_ppm: drift of the offset, NaN until known.
     """
 
     offset_s: float = math.nan

@@ -73,10 +73,14 @@ class SessionSamples:
 
 
 class Growing(ABC):
-    """A dataset in ``folder`` that is complete when it has ``sessions`` sessions.
+    """A dataset that is written session by session.
 
     Sessions are added in any order and by any process, each completely or not at all. `finish` joins them in the order
     of their numbers, so the result depends on neither. Sessions that are not joined yet are in ``folder / PARTS``.
+
+    Args:
+        folder: the dataset folder.
+        sessions: number of sessions of the complete dataset.
     """
 
     PARTS = ".parts"
@@ -247,7 +251,16 @@ MAX_SHARD_SAMPLES = 2000
 
 
 class GrowingShards(Growing):
-    """``samples-00000-of-00005.parquet`` and so on: one row group per session, complete sessions in each shard."""
+    """``samples-00000-of-00005.parquet`` and so on: one row group per session, complete sessions in each shard.
+
+    Args:
+        folder: the dataset folder.
+        sessions: number of sessions of the complete dataset.
+        per_session: number of samples of each session.
+
+    Raises:
+        MissingExtraError: pyarrow is not installed.
+    """
 
     def __init__(self, folder: Path, sessions: int, per_session: int) -> None:
         super().__init__(folder, sessions)

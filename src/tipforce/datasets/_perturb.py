@@ -30,7 +30,14 @@ class ImageOperation(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Warp:
-    """Turns counter-clockwise and enlarges, both about the middle of the image, then shifts; borders are replicated."""
+    """Turns and enlarges about the middle of the image, then shifts; borders are replicated.
+
+    Attributes:
+        right_px: shift to the right.
+        down_px: shift down.
+        turn_deg: angle, counter-clockwise.
+        zoom: factor of enlargement.
+    """
 
     right_px: float = 0.0
     down_px: float = 0.0
@@ -47,7 +54,12 @@ class Warp:
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """Multiplies grey levels by ``factor``, and by 1 - ``slope`` at the left border to 1 + ``slope`` at the right."""
+    """Changes the brightness.
+
+    Attributes:
+        factor: factor of all grey levels.
+        slope: grey levels also change by the factor 1 - ``slope`` at the left border to 1 + ``slope`` at the right.
+    """
 
     factor: float = 1.0
     slope: float = 0.0

@@ -17,7 +17,12 @@ from ._checks import check_image
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """``stamp_ns``: (n,) stamps; ``actuation``: name -> (n,) readings, NaN without a reading."""
+    """Stamps and readings of n rows.
+
+    Attributes:
+        stamp_ns: (n,) stamps.
+        actuation: name -> (n,) readings, NaN without a reading.
+    """
 
     stamp_ns: IntArray
     actuation: Mapping[str, FloatArray]
@@ -88,7 +93,13 @@ class ImageArray(_RowByRow):
 
 @dataclass(frozen=True, eq=False)
 class ShapeTable(_RowByRow):
-    """Shape numbers: ``values`` (n, k) with ``names`` (k,)."""
+    """Shape numbers in place of images.
+
+    Attributes:
+        names: (k,) names of the numbers.
+        values: (n, k) numbers.
+        view: name of the view.
+    """
 
     names: tuple[str, ...]
     values: FloatArray

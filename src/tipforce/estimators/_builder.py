@@ -54,7 +54,12 @@ def within_error(estimate: ForceEstimate, max_error_n: float | None) -> ForceEst
 
 
 class EstimateBuilder:
-    """Builds estimates from forces. The parts that all estimates share are made once and are read-only."""
+    """Builds estimates from forces. The parts that all estimates share are made once and are read-only.
+
+    Args:
+        known: (3,) the estimated components.
+        interval: intervals of the method.
+    """
 
     def __init__(self, known: BoolArray, interval: Interval) -> None:
         self._axes = np.flatnonzero(known).tolist()

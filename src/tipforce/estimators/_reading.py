@@ -24,7 +24,12 @@ from ..types import (
 
 @dataclass(frozen=True, slots=True)
 class Abstention:
-    """The reason why an observation has no estimate."""
+    """Reason why an observation has no estimate.
+
+    Attributes:
+        status: status of the estimate.
+        detail: the reason in words.
+    """
 
     status: Status
     detail: str

@@ -24,7 +24,11 @@ MIN_MAGNITUDE_N = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Increases a magnitude by ``gain`` times its part above ``from_n`` newtons; smaller ones stay.
+    """Increases a magnitude by a share of its part above a threshold; smaller ones stay.
+
+    Attributes:
+        gain: the share.
+        from_n: the threshold in newtons.
 
     >>> Stretch(0.1, 0.05).ratio(np.array([0.04, 0.25])).round(3).tolist()
     [1.0, 1.08]

@@ -106,7 +106,15 @@ PROTOCOL_WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class FittedSplit:
-    """One fit: the split, its duration in s, the method's own facts, and the fitted method."""
+    """One fit.
+
+    Attributes:
+        protocol: Name of the protocol.
+        split: Indices of training and test samples.
+        seconds: Duration of the fit in s.
+        facts: Facts of the fitted method.
+        estimator: The fitted method.
+    """
 
     protocol: str
     split: Split

@@ -36,7 +36,14 @@ _TABLES = ("cameras", "force", "stage", "knob")
 
 @dataclass(frozen=True, slots=True)
 class BenchDevices:
-    """Configs of the devices of a bench: of the cameras by view, and of each other device, or None."""
+    """Configs of the devices of a bench.
+
+    Attributes:
+        cameras: config of each camera by view.
+        force: config of the force sensor, or None.
+        stage: config of the stage, or None.
+        knob: config of the knob's encoder, or None.
+    """
 
     cameras: Mapping[str, DeviceConfig] = field(default_factory=dict[str, DeviceConfig])
     force: DeviceConfig | None = None

@@ -133,7 +133,13 @@ class DaqForceConfig(DeviceConfig, frozen=True):
 
 
 class DaqForce(Driver):
-    """Driver of one sensor. ``nidaqmx``: replaces the package of this name."""
+    """Driver of one sensor.
+
+    Args:
+        config: settings of the device.
+        name: name of the device in ``[hardware]``.
+        nidaqmx: replaces the package of this name.
+    """
 
     config_type = DaqForceConfig
 

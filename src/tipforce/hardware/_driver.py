@@ -62,7 +62,13 @@ class DeclaredStream:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A setting of a device. ``requested``: None if none was requested; ``actual``: the value that the device has."""
+    """A setting of a device.
+
+    Attributes:
+        name: its name.
+        requested: the value in ``bench.toml``; None if none was requested.
+        actual: the value that the device has.
+    """
 
     name: str
     requested: float | str | None

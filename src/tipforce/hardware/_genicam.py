@@ -43,7 +43,12 @@ class GenICamCameraConfig(DeviceConfig, frozen=True):
 
 
 class GenICamCamera(Driver):
-    """Driver of one camera."""
+    """Driver of one camera.
+
+    Args:
+        config: settings of the device.
+        view: name of its view.
+    """
 
     config_type = GenICamCameraConfig
 

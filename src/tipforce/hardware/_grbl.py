@@ -111,7 +111,12 @@ class GrblConfig(DeviceConfig, frozen=True):
 
 
 class GrblStage(Driver):
-    """Driver of one controller. ``actuators`` commands it, from any thread, while a source reads it."""
+    """Driver of one controller. ``actuators`` commands it, from any thread, while a source reads it.
+
+    Args:
+        config: settings of the device.
+        name: name of the device in ``[hardware]``.
+    """
 
     config_type = GrblConfig
 

@@ -67,7 +67,12 @@ class ConstantKnobConfig(DeviceConfig, frozen=True):
 
 
 class SerialKnob(Driver):
-    """Driver of an encoder at a serial port."""
+    """Driver of an encoder at a serial port.
+
+    Args:
+        config: settings of the device.
+        name: name of the device in ``[hardware]``.
+    """
 
     config_type = SerialKnobConfig
 
@@ -152,7 +157,12 @@ class _Played(Driver):
 
 
 class LogKnob(_Played):
-    """Gives the readings of a log, once."""
+    """Gives the readings of a log, once.
+
+    Args:
+        config: settings of the device.
+        name: name of the device in ``[hardware]``.
+    """
 
     config_type = LogKnobConfig
 
@@ -185,7 +195,12 @@ class LogKnob(_Played):
 
 
 class ConstantKnob(_Played):
-    """Gives the same angle each second."""
+    """Gives the same angle each second.
+
+    Args:
+        config: settings of the device.
+        name: name of the device in ``[hardware]``.
+    """
 
     config_type = ConstantKnobConfig
 

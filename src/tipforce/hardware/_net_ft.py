@@ -169,7 +169,12 @@ class RdtCheck:
 
 
 class NetFt(Driver):
-    """Driver of one Net F/T box."""
+    """Driver of one Net F/T box.
+
+    Args:
+        config: settings of the device.
+        name: name of the device in ``[hardware]``.
+    """
 
     config_type = NetFtConfig
 

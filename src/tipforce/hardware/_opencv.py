@@ -88,10 +88,15 @@ def upright_image(image: Any, grey: bool, where: str) -> Image:
 
 
 class OpenCvCamera(Driver):
-    """Driver of one camera. ``open_capture``: replaces ``cv2.VideoCapture``.
+    """Driver of one camera.
 
     The queue of OpenCV holds old images. Therefore the thread of the driver reads each image as soon as it is there,
     and a slow reader gets the newest one (`HardwareSource`).
+
+    Args:
+        config: settings of the device.
+        view: name of its view.
+        open_capture: replaces ``cv2.VideoCapture``.
     """
 
     config_type = OpenCvCameraConfig

@@ -11,7 +11,17 @@ MAX_LINE_BYTES = 1024
 
 
 class LinePort(ClosedAtExit):
-    """A serial port that is read line by line. Raises DeviceError, and MissingExtraError without pyserial."""
+    """A serial port that is read line by line.
+
+    Args:
+        port: its path or name.
+        baud: bits per second.
+        where: the device, for messages.
+
+    Raises:
+        DeviceError: the port cannot be opened.
+        MissingExtraError: pyserial is not installed.
+    """
 
     def __init__(self, port: str, baud: int, where: str) -> None:
         serial = import_extra("serial", "hardware", package="pyserial")

@@ -55,7 +55,17 @@ class StreamHealth:
 
 @dataclass(frozen=True, slots=True)
 class DeviceHealth:
-    """Health of a device. ``counts``: its own counts, as "lost"; ``message``: its last fault."""
+    """Health of a device.
+
+    Attributes:
+        name: name of the device.
+        state: whether it is connected.
+        connections: number of connections so far.
+        settings: its requested and actual settings.
+        counts: its own counts, as "lost".
+        message: its last fault.
+        streams: health of each of its streams.
+    """
 
     name: str
     state: DeviceState

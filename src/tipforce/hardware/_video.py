@@ -51,7 +51,12 @@ class VideoConfig(DeviceConfig, frozen=True):
 
 
 class Video(Driver):
-    """Driver of a file or a stream."""
+    """Driver of a file or a stream.
+
+    Args:
+        config: settings of the device.
+        view: name of its view.
+    """
 
     config_type = VideoConfig
 

@@ -49,7 +49,13 @@ _FAULTS = (McapError, struct.error, ValueError, OverflowError, OSError, MemoryEr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """Positions of the messages of one channel in the order of their times: ``time_ns``, ``chunk``, ``offset`` (n,)."""
+    """Positions of the n messages of one channel in the order of their times.
+
+    Attributes:
+        time_ns: (n,) times.
+        chunk: (n,) numbers of their chunks.
+        offset: (n,) positions of the records in the uncompressed chunk, bytes.
+    """
 
     time_ns: IntArray
     chunk: IntArray

@@ -78,7 +78,18 @@ class StreamInfo:
 
 @dataclass(frozen=True, slots=True)
 class RecordingInfo:
-    """Contents of a recording. ``recovered``: empty, or one line on the losses of a file that was cut off."""
+    """Contents of a recording.
+
+    Attributes:
+        streams: its streams by name.
+        clock_map: clock map of force sensor and camera.
+        tare: force without contact.
+        inertia: load of the force sensor.
+        sensor: pose of the force sensor; None: not stated.
+        plausibility: findings of the force log.
+        metadata: all metadata records by name.
+        recovered: empty, or one line on the losses of a file that was cut off.
+    """
 
     streams: Mapping[str, StreamInfo]
     clock_map: ClockMap

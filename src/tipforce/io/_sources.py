@@ -36,6 +36,14 @@ class FileSource(ClosedAtExit):
     """A video, a DICOM file, images or a folder of them as a `Source`.
 
     It may be iterated any number of times, and is read while it is iterated.
+
+    Args:
+        path: the file or folder.
+        actuation: constant readings of drives that the file does not have.
+        stated: metadata that replace those of the file.
+
+    Raises:
+        InputError: ``actuation`` has a drive that the file has, too.
     """
 
     def __init__(self, path: Path, actuation: Mapping[str, float], stated: SessionInfo) -> None:

@@ -7,7 +7,12 @@ import numpy as np
 
 
 class Rate:
-    """Events per second in the last ``window_s`` seconds; at most ``most`` events are kept."""
+    """Events per second.
+
+    Args:
+        window_s: duration in s over which events count.
+        most: largest number of events that are kept.
+    """
 
     def __init__(self, window_s: float = 1.0, most: int = 512) -> None:
         self._window_ns = round(window_s * 1e9)
@@ -26,7 +31,13 @@ class Rate:
 
 
 class RecentDelays:
-    """Percentiles of the delays of the last ``window_s`` seconds, computed at most every ``every_s`` seconds."""
+    """Percentiles of the last delays.
+
+    Args:
+        window_s: duration in s over which delays count.
+        most: largest number of delays that are kept.
+        every_s: shortest time in s between two computations.
+    """
 
     def __init__(self, window_s: float = 10.0, most: int = 2048, every_s: float = 0.25) -> None:
         self._at_ns, self._delay_s = np.zeros(most, np.int64), np.zeros(most)

@@ -18,7 +18,16 @@ CHECK_INTERVAL_S = 0.05
 
 
 class SinkRunner:
-    """Feeds one sink. ``offer`` does not wait for the sink."""
+    """Feeds one sink. ``offer`` does not wait for the sink.
+
+    Args:
+        sink: the sink.
+        info: metadata of the session.
+        model: name of the model.
+        settings: length of the queue, and waits after errors.
+        clock: the engine's clock.
+        on_end: gets the reason when the sink has ended and is not started again.
+    """
 
     def __init__(
         self,

@@ -21,6 +21,10 @@ class ShapeFinder:
 
     Detection takes a tenth of a millisecond. Resolving the settings takes up to a second, on a thread of its own;
     images that come meanwhile are not used for it.
+
+    Args:
+        view: name of the view.
+        info: metadata of the session.
     """
 
     def __init__(self, view: str, info: SessionInfo) -> None:

@@ -20,7 +20,12 @@ GRID_STEP_PX = 8
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Reason why there is no valid force: the state of a camera and one sentence."""
+    """Reason why there is no valid force.
+
+    Attributes:
+        camera: state of the camera.
+        message: one sentence.
+    """
 
     camera: CameraState
     message: str
@@ -36,6 +41,10 @@ class CameraWatch:
 
     Times are on the engine's clock. One repeated image is not a fault yet: the estimate before it stays valid until it
     expires. A black image, or an image of another size, ends it immediately.
+
+    Args:
+        view: name of the view.
+        settings: limits of age and silence.
     """
 
     def __init__(self, view: str, settings: LiveSettings) -> None:

@@ -35,9 +35,15 @@ _UNCERTAINTIES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrateReport:
-    """``quantities``: rows of a table; ``remarks``: unknown quantities. ``info``: the metadata that were used.
+    """Result of a calibration.
 
-    ``calibration``: None without recordings; ``board``: None without a board.
+    Attributes:
+        quantities: rows of the table.
+        remarks: sentences on quantities that stay unknown.
+        info: the metadata that were used.
+        calibration: constants fitted to recordings; None without recordings.
+        board: calibration of the lens; None without a board.
+        sources: names of the files.
     """
 
     quantities: tuple[Quantity, ...]

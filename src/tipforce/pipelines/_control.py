@@ -100,7 +100,15 @@ def path_of_drives(drives: Drives, home_mm: float) -> Path:
 
 @dataclass(slots=True)
 class ControlRun:
-    """Result of a run: a row each tick, and the true force at that time (n,), for evaluation only."""
+    """Result of a run.
+
+    Attributes:
+        ticks: one row each tick.
+        true_n: (n,) true force at each tick in newtons, for evaluation only.
+        restarts: number of times that the loop started again after a retraction.
+        values: facts of the simulated session by name.
+        settings: target, controller, limits.
+    """
 
     ticks: list[ControlTick] = field(default_factory=list[ControlTick])
     true_n: FloatArray = field(default_factory=lambda: np.empty(0))

@@ -39,9 +39,10 @@ _SPLIT_TUNING_SAMPLES = 100
 class DemoReport:
     """Result of the demo.
 
-    ``report``: the page that compares the models on sessions never seen; ``best``: the model with the smallest mean
-    absolute error there; ``seconds``: when each step began, when the "first force" and the "first report" were there,
-    and "total".
+    Attributes:
+        report: the page that compares the models on sessions never seen.
+        best: the model with the smallest mean absolute error there.
+        seconds: when each step began, when the "first force" and the "first report" were there, and "total".
     """
 
     report: Path

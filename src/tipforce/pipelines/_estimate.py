@@ -64,8 +64,14 @@ name of the image file, empty for other sources."""
 class EstimateReport:
     """Result of a run over a file.
 
-    ``update_s``: time of each frame from image to force, without reading it. ``clinical``: the state after the last
-    frame, by the thresholds ``contact``.
+    Attributes:
+        contact: thresholds of the clinical state.
+        clinical: clinical state after the last frame.
+        frames: number of frames.
+        statuses: status -> number of frames.
+        reasons: reasons of the frames without a valid estimate.
+        magnitudes_n: magnitude of each valid estimate in newtons.
+        update_s: time of each frame from image to force, without reading it.
     """
 
     contact: ContactSettings = field(default_factory=ContactSettings)

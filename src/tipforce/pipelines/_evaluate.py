@@ -34,8 +34,11 @@ Protocol = Literal["all", "random", "blocked", "session", "thesis", "standard", 
 class EvaluateReport:
     """Result of an evaluation.
 
-    ``evaluation``: predictions and scores; ``metrics``: content of metrics.json; ``lines``: the same for people;
-    ``report``: the page that was written.
+    Attributes:
+        evaluation: predictions and scores.
+        metrics: content of metrics.json.
+        lines: the same for people.
+        report: the page that was written.
     """
 
     evaluation: Evaluation

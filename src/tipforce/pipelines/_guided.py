@@ -31,7 +31,13 @@ _DETECTED = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A part of the session: the request to the person, and its duration."""
+    """A part of the session.
+
+    Attributes:
+        name: its name.
+        seconds: its duration in s.
+        prompt: the request to the person.
+    """
 
     name: str
     seconds: float
@@ -47,10 +53,16 @@ PHASES = (
 
 @dataclass
 class Guide:
-    """Follows the events of a session through ``phases``. Times are those of the events' stamps.
+    """Follows the events of a session through its phases. Times are those of the events' stamps.
 
-    ``tare_s``: the stretch without contact, in seconds since the first reading of force, once it was quiet.
-    ``level_n`` (3,): mean of the readings in the last tare, also where the force was not quiet.
+    Attributes:
+        phases: the phases in order.
+        tare_s: start and end of the stretch without contact, in seconds since the first reading of force; None: the
+            force was not quiet yet.
+        level_n: (3,) mean of the readings in the last tare, also where the force was not quiet.
+        peak_n: largest force in the phase "press" in newtons.
+        changed: largest change of the image since the first one, in grey levels.
+        moved: drive -> smallest and largest reading.
     """
 
     phases: Sequence[Phase] = PHASES

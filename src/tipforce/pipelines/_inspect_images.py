@@ -28,7 +28,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InspectionResult:
-    """Content of a file: ``text`` and ``figures``, its ``drawing``, and one ``image`` with resolved settings."""
+    """Findings in a file.
+
+    Attributes:
+        text: findings for people.
+        figures: the same as JSON values.
+        drawing: (h, w, 3) drawing of the detection, or a contact sheet.
+        image: one image of the file.
+        vision: settings of the detection, resolved for the session.
+    """
 
     text: str
     figures: dict[str, Any]

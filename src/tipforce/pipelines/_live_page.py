@@ -17,7 +17,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PageAddress:
-    """Where the page is served; ``token`` as `tipforce.live.server.serve` has it."""
+    """Address at which the page is served.
+
+    Attributes:
+        host: name or address.
+        port: port; 0: any free port.
+        token: see `tipforce.live.server.serve`.
+    """
 
     host: str = "127.0.0.1"
     port: int = 0

@@ -50,7 +50,12 @@ KEPT_IMAGES = 16
 
 @dataclass(frozen=True, slots=True)
 class RecordingReport:
-    """The written recording, and in ``remarks`` the sentences that a person should read."""
+    """Result of a recording.
+
+    Attributes:
+        summary: summary of the file.
+        remarks: sentences that a person should read.
+    """
 
     summary: RecordingSummary
     remarks: tuple[str, ...]
@@ -58,7 +63,12 @@ class RecordingReport:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """Facts that are known when a source has ended: metadata records by name, and a contact-free stretch or None."""
+    """Facts that are known when a source has ended.
+
+    Attributes:
+        notes: metadata records by name.
+        tare: start and end of a stretch without contact in s, or None.
+    """
 
     notes: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
     tare: tuple[float, float] | None = None

@@ -18,7 +18,15 @@ from ._simulate_sessions import FORMS, refuse_form
 
 @dataclass(frozen=True)
 class SimulateReport:
-    """Result of a simulation: ``paths`` of the sessions or the dataset; number of ``frames``; its ``seconds``."""
+    """Result of a simulation.
+
+    Attributes:
+        paths: the sessions or the dataset.
+        frames: number of frames.
+        sessions: number of sessions.
+        views: names of the views of a dataset.
+        seconds: time that it took.
+    """
 
     paths: tuple[Path, ...]
     frames: int

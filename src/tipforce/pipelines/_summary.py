@@ -19,10 +19,17 @@ from ..units import newtons_to_grams
 class RecordingSummary:
     """Summary of a recording for a person.
 
-    ``duration_s``: from the first to the last stamp of all streams; ``image_size``: (width, height) of the first view;
-    ``paired``: of each further view, how many frames of the first have a partner in it; ``labelled``: frames of all
-    views that have a force; ``force_range_n``: "fx", "fy", "fz", "magnitude" -> (smallest, largest)
-    label; ``unlabelled_because``: why there is no label at all, or empty.
+    Attributes:
+        path: the recording.
+        info: its contents.
+        session_info: metadata of the session.
+        duration_s: time from the first to the last stamp of all streams.
+        image_size: (width, height) of the first view in px; None without images.
+        labelled: number of frames of all views that have a force.
+        force_range_n: "fx", "fy", "fz", "magnitude" -> smallest and largest label.
+        actuation_range: drive -> smallest and largest reading.
+        unlabelled_because: why there is no label at all, or empty.
+        paired: further view -> number of frames of the first view that have a partner in it.
     """
 
     path: Path

@@ -37,8 +37,12 @@ PROGRESS_STEPS = 1000
 class TrainReport:
     """Result of a training.
 
-    ``model``: the folder; ``estimator``: the fitted method; ``manifest``: content of its model.json; ``metrics``:
-    errors in newtons on the samples held out, empty without any; ``lines``: the same for people.
+    Attributes:
+        model: the model folder.
+        estimator: the fitted method.
+        manifest: content of its model.json.
+        metrics: errors in newtons on the samples held out, empty without any.
+        lines: the same for people.
     """
 
     model: Path

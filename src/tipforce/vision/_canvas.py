@@ -27,7 +27,12 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 @dataclass(frozen=True, slots=True)
 class Canvas:
-    """An image being drawn on, in the coordinates of the original."""
+    """An image that is drawn on, in the coordinates of the original.
+
+    Attributes:
+        image: (h, w, 3) enlarged image.
+        zoom: factor of the enlargement, a whole number.
+    """
 
     image: Image
     zoom: int

@@ -23,10 +23,22 @@ ground that was cut in two by its own noise fills half of its band."""
 class ClassicSteps:
     """The intermediate results of thesis algorithm 1, by its lines; None for the lines that were not reached.
 
-    ``grey`` (h, w): line 4. ``threshold`` c and ``binary`` (h, w), True = catheter: line 5. ``base_px`` (m, 2), BS, and
-    ``line_px`` (2, 2), two points of the line L: lines 6 to 9. ``base``: O and [R, T], lines 10 to 12. ``single_px``
-    (k, 2): the single-pixel line, line 13, base side first; ``single_local`` (k, 2): the same in the base frame,
-    line 14. ``coefficients`` (5,): lines 15 and 16. Points are (u, v) of the whole image.
+    Points are (u, v) of the whole image.
+
+    Attributes:
+        status: status of the detection.
+        detail: reason where nothing was found.
+        grey: (h, w), line 4.
+        threshold: c, line 5.
+        binary: (h, w), True on the catheter, line 5.
+        diameter_px: diameter of the shaft.
+        coverage: share of the positions along the shaft that have pixels of it.
+        base_px: (m, 2) points BS, lines 6 to 9.
+        line_px: (2, 2) two points of the line L, lines 6 to 9.
+        base: O and [R, T], lines 10 to 12.
+        single_px: (k, 2) single-pixel line, base side first, line 13.
+        single_local: (k, 2) the same in the base frame, line 14.
+        coefficients: (5,), lines 15 and 16.
     """
 
     status: Status

@@ -30,7 +30,12 @@ class ShapeFeatureSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class NoFeatures:
-    """Why a shape has no features of the kind asked for."""
+    """Reason why a shape has no features of the requested kind.
+
+    Attributes:
+        status: status of the detection or of the features.
+        detail: the reason in words.
+    """
 
     status: Status
     detail: str

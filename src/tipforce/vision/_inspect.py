@@ -34,7 +34,14 @@ class InspectSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inspection:
-    """One image: the detected shape, its features, and a drawing of both."""
+    """Detection in one image.
+
+    Attributes:
+        shape: the detected shape.
+        features: (k,) its features, or the reason why there are none.
+        settings: kind and degree of the features.
+        drawing: (h, w, 3) drawing of both.
+    """
 
     shape: DetectedShape
     features: FloatArray | NoFeatures
@@ -115,7 +122,11 @@ def inspect_image(
 class Tally:
     """Counts detections over the frames of a video, and keeps an even sample of the drawings.
 
-    ``room``: how many drawings are kept; up to a third of them show frames in which nothing was found.
+    Attributes:
+        room: number of drawings that are kept; up to a third of them show frames in which nothing was found.
+        statuses: status -> number of frames.
+        reasons: reasons of the frames in which nothing was found.
+        diameters_px: diameter in each frame with a shape.
     """
 
     room: int = 12

@@ -75,7 +75,10 @@ class Guard:
 
     @staticmethod
     def _own_origin(scope: Scope, headers: Headers, host: str) -> bool:
-        """Returns whether the origin is this server. Browsers state it on sockets and changing requests."""
+        """Returns whether the origin is this server.
+
+        Browsers state the origin on sockets and changing requests; programs do not.
+        """
         origin = headers.get("origin")
         harmless = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
         if origin is None or harmless:

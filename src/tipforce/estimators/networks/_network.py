@@ -537,7 +537,7 @@ class NetworkEstimator(FineTunable):
 
 
 class NetworkStream:
-    """Estimates one session; ``build`` keeps the necessary earlier frames, ``actuation`` are further inputs."""
+    """Estimates one session; ``build`` keeps the necessary earlier frames, ``actuation`` names further inputs."""
 
     def __init__(
         self,

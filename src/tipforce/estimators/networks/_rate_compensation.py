@@ -30,7 +30,9 @@ _MAX_PAIRS = 20_000
 class RateCompensation:
     """The compensated force is force (t,) + rate of change (t,) @ ``seconds`` (t, t).
 
-    ``sigma_factor_without_history``: how many times as large the error is where there is no earlier frame.
+    Attributes:
+        seconds: (t, t) time constants in s.
+        sigma_factor_without_history: ratio of the error without an earlier frame to that with one.
     """
 
     seconds: FloatArray

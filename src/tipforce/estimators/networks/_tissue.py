@@ -41,7 +41,9 @@ def log_softmax(logits: npt.NDArray[np.floating]) -> FloatArray:
 class TissueEvidence:
     """Evidence of the images on the tissue.
 
-    ``log_share`` (c,): log shares of the classes in training; ``weight``: weight of an image.
+    Attributes:
+        log_share: (c,) log shares of the classes in training.
+        weight: weight of an image.
     """
 
     log_share: FloatArray

@@ -417,7 +417,13 @@ class RodModelEstimator(CentrelineEstimator):
 
 
 class RodModelStream:
-    """One session, frame after frame; each frame by itself."""
+    """Estimates one session, each frame by itself.
+
+    Args:
+        estimator: the method.
+        info: metadata of the session.
+        images: images that resolve the detection; see `Estimator.start`.
+    """
 
     def __init__(self, estimator: RodModelEstimator, info: SessionInfo, images: Sequence[Image] = ()) -> None:
         self._estimator, self._info = estimator, info

@@ -22,7 +22,14 @@ _ITERATIONS, _TRIALS = 25, 10
 
 @dataclass(frozen=True, slots=True)
 class ForceFit:
-    """``force_n`` (2,), ``covariance_n2`` (2, 2); ``misfit``: squared, in standard deviations; ``converged``."""
+    """A fitted force.
+
+    Attributes:
+        force_n: (2,) force on the tip in newtons.
+        covariance_n2: (2, 2) its covariance.
+        misfit: squared misfit in standard deviations.
+        converged: whether the fit converged.
+    """
 
     force_n: FloatArray
     covariance_n2: FloatArray
@@ -32,7 +39,12 @@ class ForceFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StationNoise:
-    """``weight`` (2 k, 2 k): inverse covariance of the stations. ``force_std_n``: prior deviation of a component."""
+    """Noise of the detected stations, and prior of the force.
+
+    Attributes:
+        weight: (2 k, 2 k) inverse covariance of the stations in 1/m^2.
+        force_std_n: prior standard deviation of a force component.
+    """
 
     weight: FloatArray
     force_std_n: float

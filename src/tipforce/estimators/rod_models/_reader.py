@@ -16,7 +16,13 @@ _KNOB = "knob_deg"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RodLine:
-    """Inputs of one frame."""
+    """Inputs of one frame.
+
+    Attributes:
+        stations_m: (2 k,) x and y of the stations in metres, base frame.
+        shape: the detected shape.
+        knob_deg: angle of the knob.
+    """
 
     stations_m: FloatArray
     shape: DetectedShape
@@ -24,7 +30,14 @@ class RodLine:
 
 
 class RodReader:
-    """Reads stations of the centreline from observations of one session; ``shared``: see `SessionDetection`."""
+    """Reads stations of the centreline from observations of one session.
+
+    Args:
+        settings: settings of the detection.
+        shared: see `SessionDetection`.
+        info: metadata of the session.
+        images: see `SessionDetection`.
+    """
 
     def __init__(
         self, settings: VisionSettings, shared: ResolvedVision | None, info: SessionInfo, images: Sequence[Image] = ()

@@ -395,7 +395,15 @@ class ShapeRegressor(CentrelineEstimator):
 
 
 class ShapeStream:
-    """One session, frame after frame; ``images``: see `SessionDetector`."""
+    """Estimates one session, frame after frame.
+
+    Args:
+        settings: settings of the method.
+        fitted: its learnt state.
+        regression: features (k,) -> forces (t,) in newtons.
+        info: metadata of the session.
+        images: see `SessionDetector`.
+    """
 
     def __init__(
         self,

@@ -21,11 +21,18 @@ from ._window import Window
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """``features`` (n, k), in windows of ``width``; ``learn_n`` and ``truth_n`` (n, t), ``session`` (n,).
+    """Features and labels of n samples.
 
-    ``names``: the shape numbers in one width, actuation after them. ``why_not``: the first sample without a shape,
-    ``left_out``: see `left_out_by_session`. ``vision``: the detection of the first session in whose images a catheter
-    was found; None where there is none.
+    Attributes:
+        features: (n, k) features, in windows of ``width``.
+        learn_n: (n, t) forces to learn in newtons.
+        truth_n: (n, t) measured forces in newtons.
+        session: (n,) sessions.
+        names: names of the shape numbers of one lag; actuation follows them in ``features``.
+        width: number of features of one lag.
+        why_not: the first sample without a shape, and why.
+        left_out: see `left_out_by_session`.
+        vision: the detection of the first session in whose images a catheter was found; None where there is none.
     """
 
     features: FloatArray

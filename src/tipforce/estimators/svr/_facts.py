@@ -8,7 +8,14 @@ from ..shape import ShapeFacts, TargetFacts
 
 
 class MachineFacts(TargetFacts):
-    """Facts of one support vector machine: the chosen constants, and its size."""
+    """Facts of one support vector machine.
+
+    Attributes:
+        c: C (thesis eq. 8).
+        epsilon: epsilon (thesis eq. 10).
+        sigma: sigma (thesis eq. 15).
+        support_vectors: number of support vectors.
+    """
 
     c: float
     epsilon: float

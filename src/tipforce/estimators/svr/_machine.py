@@ -18,7 +18,13 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 @dataclass(frozen=True, slots=True)
 class Constants:
-    """Constants that are chosen by cross-validation: C and epsilon (thesis eq. 8, 10), sigma (eq. 15)."""
+    """Constants that are chosen by cross-validation.
+
+    Attributes:
+        c: C (thesis eq. 8).
+        epsilon: epsilon (thesis eq. 10).
+        sigma: sigma (thesis eq. 15).
+    """
 
     c: Positive
     epsilon: Positive
@@ -29,9 +35,16 @@ class Constants:
 class Machines:
     """One support vector machine for each target; they map raw features (k,) to newtons (t,).
 
-    ``shift``, ``scale`` (k,): scaled feature = (raw - shift) * scale. ``vectors`` (m, k): the support vectors of all
-    targets, target after target, ``ends`` (t,): index behind the last one of each target. ``dual`` (m,), ``intercept``,
-    ``gamma``, ``unit_n`` (t,): newtons of one unit. ``weights`` (t, k): linear part of the kernel, already summed.
+    Attributes:
+        shift: (k,) offset: scaled feature = (raw - shift) * scale.
+        scale: (k,) scale.
+        vectors: (m, k) support vectors of all targets, target after target.
+        dual: (m,) dual coefficients.
+        ends: (t,) index behind the last vector of each target.
+        intercept: (t,) intercepts.
+        gamma: (t,) 1 / sigma^2 of the kernel.
+        unit_n: (t,) newtons of one unit.
+        weights: (t, k) linear part of the kernel, already summed.
     """
 
     shift: FloatArray

@@ -29,7 +29,12 @@ from ._tuning import choose, scaling_of
 
 @dataclass(frozen=True, eq=False)
 class SvrModel:
-    """One support vector machine for each target, and the constants that were chosen for it."""
+    """The learnt model.
+
+    Attributes:
+        machines: one support vector machine for each target.
+        constants: the constants that were chosen for each target.
+    """
 
     machines: Machines
     constants: tuple[Constants, ...]

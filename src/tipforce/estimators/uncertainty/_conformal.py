@@ -132,7 +132,12 @@ def _from_json(value: float | str | None) -> float:
 
 @dataclass(frozen=True, slots=True)
 class IntervalBasis:
-    """Basis of an interval: ``by_session`` is True where it holds for a new session; ``text`` states it in words."""
+    """Basis of an interval.
+
+    Attributes:
+        by_session: True where it holds for a new session.
+        text: the basis in words.
+    """
 
     by_session: bool
     text: str

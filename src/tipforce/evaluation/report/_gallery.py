@@ -21,7 +21,15 @@ _APART_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One frame of the gallery: an image (SVG text or a data URI) and the text beneath it."""
+    """One frame of the gallery.
+
+    Attributes:
+        name: Name of the frame.
+        session: Name of its session.
+        text: Text beneath the image.
+        svg: The image as SVG text, or empty.
+        image_uri: The image as a data URI, or empty.
+    """
 
     name: str
     session: str

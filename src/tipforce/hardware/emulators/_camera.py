@@ -14,7 +14,13 @@ _POLL_S = 0.02
 
 
 class CameraEmulator:
-    """Emulated camera. ``image``: number -> image. ``frozen``: it sends none; ``gone``: it accepts no connection."""
+    """Emulated camera. ``frozen`` True: it sends no image; ``gone`` True: it accepts no connection.
+
+    Args:
+        image: number of the frame -> image.
+        fps: images per second.
+        port: port that it serves; 0: any free port.
+    """
 
     def __init__(self, image: Callable[[int], Image], fps: float = 30.0, port: int = 0) -> None:
         self._image, self._fps, self._port = image, fps, port

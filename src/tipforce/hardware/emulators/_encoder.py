@@ -8,7 +8,13 @@ from ._pty import PtyDevice
 
 
 class EncoderEmulator(PtyDevice):
-    """Emulated encoder. ``angle``: seconds -> number. ``garbage``: it writes no numbers; ``silent``: nothing."""
+    """Emulated encoder. ``garbage`` True: it writes no numbers; ``silent`` True: it writes nothing.
+
+    Args:
+        path: its serial port.
+        angle: time since the start in s -> reading.
+        rate_hz: readings per second.
+    """
 
     def __init__(self, path: Path, angle: Callable[[float], float], rate_hz: float = 100.0) -> None:
         super().__init__(path)

@@ -39,10 +39,20 @@ class NetFtFaults:
 
 @dataclass
 class NetFtEmulator:
-    """Emulated Net F/T box.
+    """Emulated Net F/T box. ``sent`` has the number of packets by their fate: "made", "lost", ...
 
-    ``force``: seconds -> six values in the units of the box. ``sent``: number of packets by their fate: "made", "lost",
-    ... ``garbage_while_faulty``: the counts while the status word is not 0, so that a false force is detected.
+    Attributes:
+        force: time since the start in s -> three forces and three torques in the units of the box.
+        rate_hz: packets per second.
+        counts_per_force: counts of one ``force_unit``.
+        counts_per_torque: counts of one ``torque_unit``.
+        force_unit: "N", or another unit that the box has.
+        torque_unit: "Nm", or another unit that the box has.
+        faults: shares of packets that are lost or late, and other faults.
+        seed: seed of the faults.
+        port: UDP port; 0: any free port.
+        http_port: port of its page of settings; 0: any free port.
+        garbage_while_faulty: counts while the status word is not 0, so that a false force is detected.
     """
 
     force: Callable[[float], tuple[float, ...]] = lambda _: (0.0,) * 6

@@ -12,7 +12,13 @@ from ...errors import FileFormatError, InputError, TipforceError
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """``kind``: type of the messages without its package, as "JointState"; ``count``: number of messages."""
+    """A topic of a bag.
+
+    Attributes:
+        name: its name.
+        kind: type of the messages without its package, as "JointState".
+        count: number of messages.
+    """
 
     name: str
     kind: str
@@ -21,7 +27,13 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class BagMessage:
-    """``header_ns``: own stamp, 0 for none; ``received_ns``: time of its recording; ``content``: its fields."""
+    """A message of a bag.
+
+    Attributes:
+        header_ns: own stamp, 0 for none.
+        received_ns: time of its recording.
+        content: its fields.
+    """
 
     header_ns: int
     received_ns: int

@@ -15,7 +15,14 @@ _HEAD_ROWS = 200
 
 
 class CellTable(Table):
-    """Rows of cells as text. ``rows``: number from 1, and cells, of each."""
+    """Rows of cells as text.
+
+    Args:
+        path: the file, for messages.
+        rows: number from 1, and cells, of each row.
+        log: description of the log.
+        key: section of ``log`` in ``bench.toml``, for messages.
+    """
 
     unit_of_place = "row"
 

@@ -54,7 +54,12 @@ class DateOutside(NoDate):
 
 
 class AmbiguousDates(ValueError):
-    """The order of day and month is ambiguous. ``example``: one of the dates; ``orders``: those that fit."""
+    """The order of day and month is ambiguous.
+
+    Args:
+        example: one of the dates.
+        orders: the orders that fit.
+    """
 
     def __init__(self, example: str, orders: Sequence[str]) -> None:
         super().__init__(example)

@@ -49,6 +49,10 @@ class PageSession:
 
     A frame is sent only after the page has acknowledged the one before it: a socket alone does not show that the
     browser is slow, and frames that it has not drawn yet would become old in the buffers between.
+
+    Args:
+        socket: the page's socket.
+        hub: state that all pages share.
     """
 
     def __init__(self, socket: WebSocket, hub: Hub) -> None:

@@ -13,7 +13,12 @@ TIP_SHARE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class TipPose:
-    """``position_mm``: x, y of the tip; ``direction``: unit vector along the tip; both in the base frame."""
+    """Position and direction of the tip in the base frame.
+
+    Attributes:
+        position_mm: x, y of the tip.
+        direction: unit vector along the tip.
+    """
 
     position_mm: tuple[float, float]
     direction: tuple[float, float]

@@ -22,9 +22,16 @@ _RED, _GREEN, _BLUE = 77, 150, 29
 class Raster(NamedTuple):
     """A frame and the part of it that may be read.
 
-    ``pixels``: all bytes, flat, row after row. ``row``: bytes per row. ``channels``: bytes per pixel, 1 or 3 (RGB).
-    ``left``, ``top``, ``right``, ``bottom``: the region that is searched in px, the last two exclusive. Kernels read
-    nothing outside it, so it must be inside the frame.
+    Kernels read nothing outside the region that is searched, so it must be inside the frame.
+
+    Attributes:
+        pixels: all bytes, flat, row after row.
+        row: bytes per row.
+        channels: bytes per pixel, 1 or 3 (RGB).
+        left: first column of the region.
+        top: first row of the region.
+        right: column behind the last one of the region.
+        bottom: row behind the last one of the region.
     """
 
     pixels: np.ndarray

@@ -24,7 +24,13 @@ OUTLIER_PX = 0.3
 
 
 class Spline(NamedTuple):
-    """A curve over the arc lengths [0, ``length``] in px: ``coefficients`` (at least ``intervals`` + 3, 2)."""
+    """A curve over arc lengths, of cubic B-splines with equal intervals.
+
+    Attributes:
+        coefficients: (at least ``intervals`` + 3, 2) in px.
+        intervals: number of intervals.
+        length: the curve is over [0, ``length``] in px.
+    """
 
     coefficients: np.ndarray
     intervals: int
@@ -32,7 +38,13 @@ class Spline(NamedTuple):
 
 
 class FitBuffers(NamedTuple):
-    """Working memory of `fit_axis`: ``coefficients`` (100, 2), ``band`` (100, 4), ``weights`` (number of stations,)."""
+    """Working memory of `fit_axis`.
+
+    Attributes:
+        coefficients: (100, 2).
+        band: (100, 4).
+        weights: (number of stations,).
+    """
 
     coefficients: np.ndarray
     band: np.ndarray
