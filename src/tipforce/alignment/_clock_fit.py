@@ -40,9 +40,15 @@ last."""
 
 
 class Force:
-    """The force on an even grid, low-passed; x and y. A gap (NaN, or no rows) is interpolated; see `known`.
+    """The force's x and y on an even grid, low-passed. A gap (NaN, or no rows) is interpolated; see `known`.
 
-    ``noise`` (2, 2): covariance of the sensor's noise behind the low-pass, N^2.
+    Args:
+        seconds: (m,) times of the readings.
+        force_n: (m, 2) readings in N; NaN where a reading is not plausible.
+        smooth_s: standard deviation of the low-pass.
+
+    Attributes:
+        noise: (2, 2) covariance of the sensor's noise behind the low-pass, N^2.
     """
 
     def __init__(self, seconds: FloatArray, force_n: FloatArray, smooth_s: float = SMOOTH_S) -> None:
@@ -127,9 +133,12 @@ def beat_hz(force: Force) -> float:
 class Data:
     """Frames, and the force.
 
-    ``time`` (n,): when each image was taken on the force log's clock by a trial map, s; ``coordinates`` (n, 4) of
-    `shape_coordinates`; ``blocks`` (n,): the stretch that each belongs to. ``beat_hz``: where the readings hold the
-    inertia of a mass whose movement no log states: the beat that it moves with; else 0.
+    Attributes:
+        time: (n,) time of each image on the force log's clock by a trial map, s.
+        coordinates: (n, 4) `shape_coordinates`.
+        blocks: (n,) number of the stretch of each frame.
+        force: the force.
+        beat_hz: beat of a carried mass whose movement no log states, where the readings contain its inertia; else 0.
     """
 
     time: FloatArray
@@ -202,8 +211,15 @@ class Data:
 class Fit:
     """Sums of the regression, block by block, for every trial shift: the data of profile and bootstrap.
 
-    ``penalty``: penalty of the prior on the sensor's angle in the squares, see `penalty_at`. ``corrected``: the share
-    of the force's noise that could be taken out. ``place`` (blocks,): x of `Tilted`.
+    Args:
+        data: frames and force.
+        shifts: (shifts,) trial shifts in s, even.
+        penalty: penalty of the prior on the sensor's angle in the squares, see `penalty_at`.
+        degree: degree of the elastic law.
+
+    Attributes:
+        corrected: share of the force's noise that could be subtracted.
+        place: (blocks,) x of `Tilted`.
     """
 
     def __init__(self, data: Data, shifts: FloatArray, penalty: float = STATED_ANGLE, degree: int = DEGREE) -> None:

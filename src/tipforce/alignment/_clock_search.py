@@ -39,7 +39,13 @@ Spectrum = npt.NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True)
 class Coarse:
-    """A candidate: force time = camera time / ``rate`` - ``lag_s``; ``score``: share of the bend's energy explained."""
+    """A candidate: force time = camera time / ``rate`` - ``lag_s``.
+
+    Attributes:
+        rate: rate of the camera's clock against the force log's.
+        lag_s: lag.
+        score: share of the bend's energy explained.
+    """
 
     rate: float
     lag_s: float

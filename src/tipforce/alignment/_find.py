@@ -16,7 +16,15 @@ TareChoice = Literal["auto", "none"] | tuple[float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceCorrections:
-    """How the force log of a run is read: everything but its clock. ``sensor``: None where nobody stated its pose."""
+    """Corrections of a run's force log: everything except its clock.
+
+    Attributes:
+        sensor: metadata of the sensor; None: its pose is not stated.
+        tare: reading without contact.
+        inertia: inertia of the carried mass.
+        stage: movement of the stage.
+        plausibility: implausible readings.
+    """
 
     sensor: SensorInfo | None
     tare: Tare

@@ -55,9 +55,13 @@ class ClockChoice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectedShapes:
-    """The shapes (n,) detected in the images of ``view`` at ``frame_ns`` (n,).
+    """Shapes detected in the images of a view.
 
-    ``blind``: why the catheter is not detected at all, or empty.
+    Attributes:
+        frame_ns: (n,) stamps of the images.
+        shapes: n shapes.
+        view: name of the view.
+        blind: the reason why the catheter is not detected at all, or "".
     """
 
     frame_ns: IntArray

@@ -43,7 +43,9 @@ _CROOKED = 0.03
 class StageMotion:
     """The stage's commanded positions as accelerations.
 
-    ``stamp_ns`` (m,) on the recording's clock; ``positions``: name -> (m,), in m or, by their names' end, in mm.
+    Args:
+        stamp_ns: (m,) stamps on the recording's clock.
+        positions: name -> (m,) positions in m or, if the name ends in _mm, in mm.
     """
 
     def __init__(self, stamp_ns: IntArray, positions: Mapping[str, FloatArray]) -> None:

@@ -18,8 +18,10 @@ from ._inertia import StageMotion
 class Labels:
     """Forces of the tissue on the tip, base frame.
 
-    ``stamp_ns`` (n,): the frames'; ``force_n`` (n, 3): NaN where there is none; ``known`` (3,): the components that
-    the sensor gives at all.
+    Attributes:
+        stamp_ns: (n,) stamps of the frames.
+        force_n: (n, 3) forces in N; NaN where there is none.
+        known: (3,) whether the sensor measures each component.
     """
 
     stamp_ns: IntArray

@@ -35,7 +35,12 @@ def nearest_frames(stamps_ns: IntArray, others_ns: IntArray, within_s: float = P
 
 
 class Pairing:
-    """Frames as they come -> for a frame of the first view, the images of all views at its instant."""
+    """Collects frames; for a frame of the first view it finds the images of all views at its instant.
+
+    Args:
+        views: names of the views.
+        within_s: largest difference in time between the images of one observation.
+    """
 
     def __init__(self, views: Sequence[str], within_s: float = PAIR_S) -> None:
         self._views, self._within_s = tuple(views), within_s

@@ -76,7 +76,13 @@ class SessionResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """Result: ``quantities`` in the order of the table; ``remarks``: sentences on quantities that stay unknown."""
+    """Result of a calibration.
+
+    Attributes:
+        quantities: quantities in the order of the table.
+        remarks: sentences on quantities that stay unknown.
+        sessions: result of each session.
+    """
 
     quantities: tuple[Quantity, ...]
     remarks: tuple[str, ...]

@@ -55,13 +55,16 @@ class HeartMotion:
     Attributes:
         amplitude_m: forward amplitude, half of peak to peak.
         beat_hz: frequency of the beat.
-        wave: one of `HEART_WAVES`; another one raises ValueError.
+        wave: one of `HEART_WAVES`.
         lateral_share: ratio of the lateral amplitude to the forward one.
         lateral_phase_rad: phase by which the lateral motion is ahead.
         respiration_m: amplitude of the respiration, a sine in forward direction.
         respiration_hz: its frequency.
         respiration_phase_rad: its phase.
         standoff_m: distance by which the whole motion is set back from the stage's zero.
+
+    Raises:
+        ValueError: the wave is unknown.
 
     >>> HeartMotion(5e-3, beat_hz=1.2, lateral_share=0.5).command(1 / 4.8)
     {'stage_forward_mm': 5.0, 'stage_across_mm': 2.5}

@@ -16,10 +16,18 @@ class LineNoise:
     """Error of a detected line: its displacement across itself, and the position of its end along itself.
 
     Across the line, at the arc length s of a length L, the standard deviation is the root of ``std_m``^2 +
-    ``base_std_m``^2 exp(-s / ``base_m``) + ``tip_std_m``^2 exp(-(L - s) / ``tip_m``). Of the variance,
-    ``white_share`` is independent from point to point, ``common_share`` the same all along, and the rest correlated
-    as exp(-distance^2 / (2 ``correlation_m``^2)). ``along_std_m``: standard deviation of the tip's position along the
-    line.
+    ``base_std_m``^2 exp(-s / ``base_m``) + ``tip_std_m``^2 exp(-(L - s) / ``tip_m``).
+
+    Attributes:
+        std_m: standard deviation far from both ends.
+        correlation_m: length over which the rest of the variance is correlated: exp(-distance^2 / (2 length^2)).
+        along_std_m: standard deviation of the tip's position along the line.
+        base_std_m: additional standard deviation at the base.
+        base_m: length over which it decreases.
+        tip_std_m: additional standard deviation at the tip.
+        tip_m: length over which it decreases.
+        white_share: share of the variance that is independent from point to point.
+        common_share: share of the variance that is the same all along.
     """
 
     std_m: float

@@ -153,7 +153,16 @@ def _framing(settings: SimulationSettings, session: Session) -> Framing:
 
 
 class CameraImaging:
-    """One camera in front of the bench; ``times_s`` (n,): middle of the exposure of each image."""
+    """Draws the images of one camera in front of the bench.
+
+    Args:
+        settings: settings of the bench.
+        session: the session.
+        rngs: random numbers of the session's bench, and of its catheter.
+        exposed: gives the shapes and the tissue during an exposure.
+        times_s: (n,) middle of the exposure of each image.
+        first_frame: number of the camera's first image in this session.
+    """
 
     views = ("camera",)
 
@@ -277,9 +286,17 @@ class CameraImaging:
 
 
 class XrayImaging:
-    """A fluoroscope in one plane or two, whose pulses coincide; ``times_s`` (m,): middle of each pulse.
+    """Draws the images of a fluoroscope in one plane or two, whose pulses coincide.
 
     The heart rate and the breathing rate of the patient are those of the wall.
+
+    Args:
+        settings: settings of the bench.
+        bench_model: the session's bench.
+        rng: random numbers of the scene.
+        exposed: gives the shapes and the tissue during a pulse.
+        times_s: (m,) middle of each pulse.
+        kept: (n,) indices of the pulses that became images.
     """
 
     def __init__(

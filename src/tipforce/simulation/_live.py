@@ -73,7 +73,18 @@ class SimulatedActuators(ClosedAtExit):
         return dict(self._limits)
 
     def command(self, targets: Mapping[str, float]) -> Commanded:
-        """Sends axes to targets; see `Actuators.command`. Raises RuntimeError once the bench is closed."""
+        """Sends axes to targets; see `Actuators.command`.
+
+        Args:
+            targets: target of each axis, by name.
+
+        Returns:
+            The command as it takes effect.
+
+        Raises:
+            RuntimeError: the bench is closed.
+            ValueError: an axis is unknown or a value is not finite.
+        """
         with self._lock:
             taken = Commanded.of(self._now_ns(), targets, self._limits)
             for name, target in taken.targets.items():

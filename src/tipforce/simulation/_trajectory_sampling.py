@@ -17,6 +17,11 @@ class TrajectoryInterpolator:
 
     It holds no reference to the bench: when a bench is no longer used, its memory with all painted layers is freed
     immediately.
+
+    Args:
+        trajectory: the trajectory.
+        bench_model: the session's bench.
+        resolution: step size of the trajectory.
     """
 
     def __init__(self, trajectory: Trajectory, bench_model: BenchModel, resolution: Resolution) -> None:
@@ -112,8 +117,15 @@ class _ReadingLog:
 class Readings:
     """Force sensor, stage and joints of a session. The readings do not depend on the number of calls of `take`.
 
-    ``log``: readings of the force sensor. ``need_force``, ``stage.need``, ``joints.need``: number of instants of the
-    trajectory that must have been simulated before each reading.
+    Args:
+        bench_model: the session's bench.
+        place: see `Place`.
+        rng: random numbers of the force sensor.
+
+    Attributes:
+        log: readings of the force sensor.
+        need_force: number of instants of the trajectory that must have been simulated before each reading of the force;
+            ``stage.need`` and ``joints.need`` are the same for their readings.
     """
 
     def __init__(self, bench_model: BenchModel, place: Place, rng: np.random.Generator) -> None:

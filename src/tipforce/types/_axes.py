@@ -13,9 +13,16 @@ STAGE_FORWARD, STAGE_ACROSS = "stage_forward_mm", "stage_across_mm"
 
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
-    """Limits of an axis, in the unit at the end of its name: position, speed per s, acceleration per s^2.
+    """Limits of an axis, in the unit at the end of its name.
 
-    Raises ValueError where they allow no motion.
+    Attributes:
+        low: smallest position.
+        high: largest position.
+        max_speed: largest speed, for each second.
+        max_acceleration: largest acceleration, for each second squared.
+
+    Raises:
+        ValueError: the limits allow no motion.
 
     >>> AxisLimits(-10.0, 20.0, 50.0, 1000.0).clipped(25.0)
     20.0

@@ -12,7 +12,15 @@ from ._arrays import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """From ``low`` to ``high`` in ``unit``. ``other``: unit with which it is often confused; ``factor`` converts it."""
+    """Range of the plausible values of a quantity.
+
+    Attributes:
+        low: smallest value.
+        high: largest value.
+        unit: unit of both.
+        other: unit with which it is often confused.
+        factor: factor from ``other`` to ``unit``.
+    """
 
     low: float
     high: float

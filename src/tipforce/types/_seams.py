@@ -48,8 +48,14 @@ class Actuators(Protocol):
     def command(self, targets: Mapping[str, float]) -> Commanded:
         """Starts the motion of each axis to its own target and returns immediately; the other axes are not affected.
 
-        A target beyond the limits of its axis is clipped, which the result states. Raises ValueError, and moves
-        nothing, where an axis is unknown or a value is not finite.
+        Args:
+            targets: target of each axis, by name. One beyond the limits of its axis is clipped.
+
+        Returns:
+            The command as it takes effect.
+
+        Raises:
+            ValueError: an axis is unknown or a value is not finite; nothing moves.
         """
         ...
 
@@ -60,7 +66,8 @@ class Actuators(Protocol):
     def stop(self, *axes: str) -> None:
         """Brings these axes, or all, to rest with their largest deceleration; they stay there until the next command.
 
-        Raises ValueError where an axis is unknown.
+        Raises:
+            ValueError: an axis is unknown.
         """
         ...
 

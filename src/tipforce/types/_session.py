@@ -268,7 +268,11 @@ class ActuationInfo:
 
 @dataclass(frozen=True, slots=True)
 class TissueInfo:
-    """The tissue at the tip. ``stiffness_n_per_m``: force divided by depth of indentation, normal to the surface."""
+    """The tissue at the tip.
+
+    Attributes:
+        stiffness_n_per_m: force divided by depth of indentation, normal to the surface.
+    """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 

@@ -47,7 +47,11 @@ class BasePose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentrelinePx:
-    """``points`` (n, 2): u, v in pixels, base to tip, uniform in arc length; pixel centres at integers."""
+    """A centreline in the image.
+
+    Attributes:
+        points: (n, 2) u, v in pixels, base to tip, uniform in arc length; pixel centres at integers.
+    """
 
     points: FloatArray
 

@@ -92,7 +92,10 @@ View = Image | ShapeFeatures
 class Observation:
     """Everything that an estimator gets of one instant; it contains no label.
 
-    ``views``: name -> image (h, w[, 3]) uint8 or `ShapeFeatures`; ``actuation``: ``NAME_UNIT`` -> value.
+    Attributes:
+        stamp_ns: stamp of the frame.
+        views: name -> image (h, w[, 3]) uint8 or `ShapeFeatures`.
+        actuation: ``NAME_UNIT`` -> value.
     """
 
     stamp_ns: int

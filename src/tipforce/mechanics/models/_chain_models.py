@@ -27,9 +27,16 @@ _TOLERANCE = 1e-11
 
 
 class Chain(NamedTuple):
-    """All arrays (m,). ``link_m``, ``arc_m``: length of link i, of arc i, zero if there is none.
+    """A chain of m joints with links and arcs.
 
-    ``give_m_per_n``: lengthening of link i per newton of pull along it. ``soft``: 1 / k_s^2.
+    Attributes:
+        span_m: (m,) length of shaft of each joint.
+        stiffness_nm2: (m,) EI.
+        precurvature_per_m: (m,) pre-curvature.
+        soft: 1 / k_s^2 of the stiffening law, in m^2.
+        link_m: (m,) length of each link, 0 if there is none.
+        give_m_per_n: (m,) lengthening of each link per newton of pull along it.
+        arc_m: (m,) length of each arc, 0 if there is none.
     """
 
     span_m: FloatArray

@@ -86,10 +86,15 @@ class Model(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A detected line in the frame of the prior: ``points`` (p, 2), ``normals`` (p, 2) to its left, base to tip.
+    """A detected line in the frame of the prior, base to tip.
 
-    ``from_tip`` (p,): arc length between point and tip, the last 0. ``middle`` (2,): middle of the image. ``past_n``
-    (2,): mean of the earlier forces over the time of creep: to first order the rod has crept as if a share of it acted.
+    Attributes:
+        points: (p, 2) points in m.
+        normals: (p, 2) unit vectors to its left.
+        from_tip: (p,) arc length between point and tip, the last 0.
+        middle: (2,) middle of the image.
+        past_n: (2,) mean of the earlier forces over the time of creep: to first order the rod has crept as if a share
+            of it acted.
     """
 
     points: FloatArray
@@ -122,10 +127,16 @@ class Work(NamedTuple):
 
 
 class Found(NamedTuple):
-    """``cost``: minus the logarithm of the posterior density, up to a constant; ``log_det`` of its information.
+    """Result of the fit.
 
-    ``chi2``: squares of the whitened misfit, not bounded. ``firmness``: smallest pivot of the rod's Hessian over
-    EI / h; near 0 close to a fold.
+    Attributes:
+        cost: minus the logarithm of the posterior density, up to a constant.
+        chi2: squares of the whitened misfit, not limited.
+        log_det: logarithm of the determinant of the posterior's information.
+        converged: whether the fit has converged.
+        stable: whether the shape is stable.
+        firmness: smallest pivot of the rod's Hessian over EI / h; near 0 close to a fold.
+        iterations: number of steps.
     """
 
     cost: float

@@ -27,9 +27,13 @@ class Elastic(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Dead load, base frame: force (fx, fy) and moment m about z at the lever's end, and a distributed load.
+    """Dead load, base frame.
 
-    ``carried`` (n, 2): the distributed load beyond each segment, and half of its own, which acts at its middle.
+    Attributes:
+        fx: force at the lever's end along x.
+        fy: force at the lever's end along y.
+        m: moment about z at the lever's end.
+        carried: (n, 2) distributed load beyond each segment, and half of its own, which acts at its middle.
     """
 
     fx: float
@@ -39,7 +43,15 @@ class Load(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """``residual``: largest unbalanced moment on a segment over EI / length of the shaft."""
+    """Result of Newton's method.
+
+    Attributes:
+        iterations: number of steps.
+        converged: whether the residual is within the tolerance.
+        stable: whether the shape is a minimum of the energy.
+        energy: energy in J.
+        residual: largest unbalanced moment on a segment over EI / length of the shaft.
+    """
 
     iterations: int
     converged: bool

@@ -12,16 +12,20 @@ from ...types import FloatArray, frozen
 class PlanarRod:
     """Inextensible planar rod in the base frame: clamped at the origin, tangent x there, bending about z.
 
-    The shaft of ``flexible_length_m`` carries the moment M = EI (1 + (k / k_s)^2) (k - k_0) at curvature k, with
-    EI = ``bending_stiffness_nm2`` times ``stiffness_profile``, k_0 = ``precurvature_per_m`` (positive: bends toward
-    +y) and k_s = ``stiffening_curvature_per_m`` (infinite: the moment grows with k alone). An electrode of
-    ``rigid_length_m`` continues from the shaft's end. ``segments``: straight segments of the shaft; positions are
-    second order in their length.
+    The shaft carries the moment M = EI (1 + (k / k_s)^2) (k - k_0) at curvature k. The joints are at the clamp, between
+    segments, and at the electrode's root.
 
-    ``precurvature_per_m`` is one value, or (segments + 1,) at the joints: the clamp, between segments, the electrode's
-    root. ``stiffness_profile``: (segments + 1,) positive factors at the joints; None: 1 everywhere.
+    Attributes:
+        flexible_length_m: length of the shaft.
+        bending_stiffness_nm2: EI where the profile is 1.
+        rigid_length_m: length of the electrode, which continues from the shaft's end.
+        precurvature_per_m: k_0, positive: bends toward +y; one value, or (segments + 1,) at the joints.
+        stiffening_curvature_per_m: k_s; infinite: the moment grows with k alone.
+        stiffness_profile: (segments + 1,) positive factors on EI at the joints; None: 1 everywhere.
+        segments: number of straight segments of the shaft; positions are second order in their length.
 
-    Raises ValueError where a value has no physical meaning or a row has the wrong length.
+    Raises:
+        ValueError: a value has no physical meaning, or a row has the wrong length.
 
     >>> PlanarRod(0.04, 4.3e-4, segments=4, stiffness_profile=np.array([1.1, 1.1, 1, 1, 1])).stiffnesses_nm2
     array([0.000473, 0.000473, 0.00043 , 0.00043 , 0.00043 ])

@@ -40,20 +40,28 @@ def damping_of_loss_factor(stiffness_n_per_m: float, loss_factor: float, frequen
 class SpatialWall:
     """A plane that yields at the contact, in the base frame.
 
-    ``normal`` (3,): the direction INTO the wall, d, made a unit vector. Normal force = spring + ``damping_ns_per_m`` x
-    rate of depth, never pulling. After a release the indentation recovers by itself; a new contact begins at its
-    present depth. The spring is ``stiffness_n_per_m`` x depth, or with ``hertz_depth_m`` h, Hertz's law for a ball:
-    ``stiffness_n_per_m`` x depth x sqrt(depth / h), so that the stiffness is the secant's at depth h; or with
+    Normal force = spring + damping x rate of depth, never pulling. After a release the indentation recovers by itself;
+    a new contact begins at its present depth. The spring is linear; or with ``hertz_depth_m`` h, Hertz's law for a
+    ball: stiffness x depth x sqrt(depth / h), so that the stiffness is the secant's at depth h; or with
     ``exponential_depth_m`` h, a law that stiffens like living tissue (Fung): stiffness x h x
     (exp(depth / h) - 1) / (e - 1).
 
-    ``face_radius_m``: the wall's point is the apex of a sphere, convex if positive, concave if negative; None: a plane.
-    At each instant the dome touches the tangent plane of the sphere at its expected position.
+    Along the wall the tissue yields until Coulomb's friction is reached, then the tip slips, in any direction of the
+    plane.
 
-    Along the wall the tissue yields by ``shear_n_per_m`` (None: 2/3 of ``stiffness_n_per_m``, Mindlin's ratio for an
-    incompressible half-space) until Coulomb's ``friction`` is reached, then the tip slips, in any direction of the
-    plane. ``side_stiffness_n_per_m2``: spring, per metre of length, against the shaft's side, without friction or
-    damping; 0: the shaft passes through the wall.
+    Attributes:
+        normal: (3,) direction INTO the wall, d, made a unit vector.
+        stiffness_n_per_m: stiffness of the spring.
+        damping_ns_per_m: damping of the normal force.
+        friction: Coulomb's coefficient.
+        shear_n_per_m: stiffness along the wall; None: 2/3 of ``stiffness_n_per_m``, Mindlin's ratio for an
+            incompressible half-space.
+        hertz_depth_m: see above.
+        side_stiffness_n_per_m2: spring, per metre of length, against the shaft's side, without friction or damping; 0:
+            the shaft passes through the wall.
+        exponential_depth_m: see above.
+        face_radius_m: the wall's point is the apex of a sphere, convex if positive, concave if negative; None: a plane.
+            At each instant the dome touches the tangent plane of the sphere at its expected position.
 
     Raises:
         ValueError: a value has no physical meaning.

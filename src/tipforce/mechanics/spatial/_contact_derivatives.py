@@ -182,11 +182,15 @@ _LENGTH_STEP_SHARE = 1e-5
 
 
 class Rows(NamedTuple):
-    """One row per equilibrium: ``q`` (m, k, 4), the start; ``change`` (m, 3) of the pre-curvature.
+    """Equilibria at m instants.
 
-    ``force``, ``moment``, ``arm`` (m, 3): force at the lever's end, moment on the electrode, and vector from the
-    lever's end to the point of the force: the derivative of the moment with the force. ``relaxing`` (m,): time until
-    the next row over the creep's time constant, see `creep_on`.
+    Attributes:
+        q: (m, k, 4) orientations at the start.
+        change: (m, 3) change of the pre-curvature.
+        force: (m, 3) force at the lever's end.
+        moment: (m, 3) moment on the electrode.
+        arm: (m, 3) vector from the lever's end to the point of the force: the derivative of the moment by the force.
+        relaxing: (m,) time until the next instant over the creep's time constant, see `creep_on`.
     """
 
     q: FloatArray
@@ -198,9 +202,13 @@ class Rows(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Points of the centreline: the ``element`` (n,) of each point, and the distance ``beyond`` (n,) along it.
+    """Points of the centreline.
 
-    ``lengths`` (k,): lengths of the elements; ``flexible``: length of the shaft, which ends with the last but one.
+    Attributes:
+        element: (n,) element of each point.
+        beyond: (n,) distance along this element.
+        lengths: (k,) lengths of the elements.
+        flexible: length of the shaft, which ends with the last but one.
     """
 
     element: IntArray

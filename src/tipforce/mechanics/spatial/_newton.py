@@ -109,7 +109,14 @@ _MAX_TURN_RAD = 0.4
 
 
 class Solution(NamedTuple):
-    """``residual``: largest unbalanced moment, relative to EI / length of the shaft."""
+    """Result of Newton's method.
+
+    Attributes:
+        iterations: number of steps.
+        converged: whether the residual is within the tolerance.
+        stable: whether the shape is a minimum of the energy.
+        residual: largest unbalanced moment, relative to EI / length of the shaft.
+    """
 
     iterations: int
     converged: bool

@@ -59,16 +59,20 @@ class SpatialRod:
     Its strain u = (twist, curvature about y, curvature about z), per metre, is that of the material frame, whose first
     axis is the tangent and which is the base frame at the clamp; a positive curvature about z bends toward +y.
 
-    ``bending_stiffness_nm2``: EI. ``torsional_stiffness_nm2``: GJ (None: 2/3 EI). ``precurvature_per_m``: the strain
-    u_0 without load, (3,) or (segments + 1, 3) at the joints, in order from clamp to electrode. ``stiffness_profile``
-    (segments + 1,): factors at the joints, on both EI and GJ (None: ones). ``rigid_length_m``: length of the electrode
-    beyond the shaft's end. ``segments``: straight segments of the shaft; positions are second order in their
-    length.
-
     With ``stiffening_curvature_per_m`` k_s the bending energy per metre, b the curvature's two components, is
     EI (|b - b_0|^2 / 2 + (|b|^4 / 4 - (b.b_0) |b|^2 / 3 + |b_0|^4 / 12) / k_s^2). Its moment is
     EI (1 + (b/k_s)^2) (b - b_0) where b is parallel to b_0 or b_0 = 0, as in the plane. That law itself has no energy
     in two dimensions; this is its symmetric part, the same in all directions around the shaft. GJ does not stiffen.
+
+    Attributes:
+        flexible_length_m: length of the shaft.
+        bending_stiffness_nm2: EI.
+        rigid_length_m: length of the electrode beyond the shaft's end.
+        torsional_stiffness_nm2: GJ; None: 2/3 EI.
+        precurvature_per_m: strain u_0 without load, (3,), or (segments + 1, 3) at the joints from clamp to electrode.
+        stiffening_curvature_per_m: k_s; infinite: no stiffening.
+        stiffness_profile: (segments + 1,) factors at the joints, on both EI and GJ; None: ones.
+        segments: number of straight segments of the shaft; positions are second order in their length.
 
     Raises:
         ValueError: a value has no physical meaning.

@@ -11,9 +11,16 @@ from ._rod import SpatialRod
 class Elastic(NamedTuple):
     """The values of the rod; k = segments + 1 joints, each in front of one element (segments, then the electrode).
 
-    ``span``, ``ei``, ``gj`` (k,), ``rest`` (k, 3): pre-curvature; ``soft``: 1 / k_s^2.
-    ``reach`` (k,): length of each element; the last one's is the lever of the loaded point.
-    ``memory`` (k, 3), ``maxwell``: crept strain and strength of the Maxwell spring. ``small``: EI / length of shaft.
+    Attributes:
+        span: (k,) length of shaft of each joint.
+        ei: (k,) bending stiffness.
+        gj: (k,) torsional stiffness.
+        rest: (k, 3) pre-curvature.
+        soft: 1 / k_s^2.
+        reach: (k,) length of each element; the last one's is the lever of the loaded point.
+        memory: (k, 3) crept strain.
+        maxwell: relative stiffness of the Maxwell spring.
+        small: EI / length of the shaft.
     """
 
     span: FloatArray
@@ -28,9 +35,12 @@ class Elastic(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Dead loads, base frame: ``force`` (3,) at the lever's end, ``moment`` (3,) on the electrode.
+    """Dead loads, base frame.
 
-    ``line`` (k, 3): derivative of a distributed load's work with each element's direction, in N m.
+    Attributes:
+        force: (3,) force at the lever's end.
+        moment: (3,) moment on the electrode.
+        line: (k, 3) derivative of a distributed load's work by each element's direction, in N m.
     """
 
     force: FloatArray
@@ -41,13 +51,27 @@ class Load(NamedTuple):
 class Touch(NamedTuple):
     """A ball at the lever's end, and the shaft's side, against a plane that yields.
 
-    ``axes`` (3, 3): rows d (into the wall), t1, t2. ``place``: position of the undeformed plane along d, minus the part
-    of the clamp's advance along d. Normal force = ``stiffness`` x depth (or x depth^1.5 ``hertz`` if that is positive,
-    or the exponential law of `exponential_spring` if ``growth`` is) + ``rate`` x (depth - ``indentation``), on depths
-    beyond ``rest`` only. A tie of stiffness ``kt`` connects the touching point, at ``arm`` (3,) in the electrode's
-    frame, with ``zero`` (2,) along t1 and t2; with ``friction`` >= 0 that tie slips at Coulomb's limit, which has no
-    energy. ``drag`` (2,): dead tangential force, without a tie. ``side``: stiffness of the contact of each node of the
-    shaft, whose radius is ``side_radius``.
+    Normal force = ``stiffness`` x depth (or x depth^1.5 ``hertz`` if that is positive, or the exponential law of
+    `exponential_spring` if ``growth`` is) + ``rate`` x (depth - ``indentation``), on depths beyond ``rest`` only.
+
+    Attributes:
+        active: whether there is a wall.
+        axes: (3, 3) rows d (into the wall), t1, t2.
+        place: position of the undeformed plane along d, minus the part of the clamp's advance along d.
+        radius: radius of the ball.
+        stiffness: see above.
+        hertz: see above; 0: linear.
+        rate: damping over the time step.
+        indentation: depth at the last instant.
+        rest: depth beyond which the wall touches the ball.
+        kt: stiffness of the tie between the touching point and ``zero``; 0: no tie.
+        zero: (2,) end of the tie along t1 and t2.
+        arm: (3,) touching point relative to the ball's centre, in the electrode's frame.
+        drag: (2,) dead tangential force, without a tie.
+        friction: Coulomb's coefficient, at whose limit the tie slips without energy; negative: it never slips.
+        side: stiffness of the contact of each node of the shaft.
+        side_radius: radius of the shaft.
+        growth: see above; 0: no exponential law.
     """
 
     active: bool

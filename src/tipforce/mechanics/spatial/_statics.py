@@ -13,12 +13,20 @@ from ._state import NO_TOUCH, Load, elastic_of, line_of, make_work
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpatialShape:
-    """An equilibrium of ``rod``: ``quaternions`` (segments + 1, 4), see `SpatialRod.unloaded_quaternions`.
+    """An equilibrium of a rod.
 
-    ``residual``: largest unbalanced moment, relative to EI / length of the shaft. ``converged``: False if Newton's
-    method failed; the shape must then not be used. ``stable``: a strict minimum of the energy; under a tip moment,
-    which has no energy in space, that of the symmetric part of the stiffness: sufficient for stability, but not
-    necessary. ``branch``: see `Branch` and `on_unloaded_branch`.
+    Attributes:
+        rod: the rod.
+        quaternions: (segments + 1, 4) orientations, see `SpatialRod.unloaded_quaternions`.
+        force_n: (3,) force at the tip.
+        moment_nm: (3,) moment at the tip.
+        distributed_n_per_m: distributed load; None: none.
+        residual: largest unbalanced moment, relative to EI / length of the shaft.
+        converged: False if Newton's method failed; the shape must then not be used.
+        stable: whether it is a strict minimum of the energy; under a tip moment, which has no energy in space, that of
+            the symmetric part of the stiffness: sufficient for stability, but not necessary.
+        branch: see `Branch` and `on_unloaded_branch`.
+        iterations: number of steps of Newton's method.
     """
 
     rod: SpatialRod

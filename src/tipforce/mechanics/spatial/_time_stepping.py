@@ -27,9 +27,21 @@ _MIN_TURN_COSINE = math.cos(0.5 * 0.02)
 
 
 class WallLaw(NamedTuple):
-    """The values of the wall's laws, see `Touch`; ``base_rest`` (k, 3): the rod's own pre-curvature.
+    """The values of the wall's laws, see `Touch`.
 
-    ``face_radius``: radius of the tissue's face, see `face_axes`; 0: flat.
+    Attributes:
+        axes: (3, 3) rows d (into the wall), t1, t2.
+        radius: radius of the ball.
+        stiffness: stiffness of the normal force.
+        hertz: factor of Hertz's law; 0: linear.
+        damping: damping of the normal force.
+        kt: stiffness along the wall.
+        friction: Coulomb's coefficient.
+        side: stiffness of the contact of each node of the shaft.
+        dt_s: time between instants.
+        base_rest: (k, 3) the rod's own pre-curvature.
+        growth: growth of the exponential law; 0: none.
+        face_radius: radius of the tissue's face, see `face_axes`; 0: flat.
     """
 
     axes: FloatArray
@@ -51,9 +63,16 @@ class WallLaw(NamedTuple):
 class History(NamedTuple):
     """State of the last instant, from which the next one starts.
 
-    Orientations (k, 4), those ``before`` them, centre of the dome, the wall's point (3,). ``way`` (2,): way of the
-    touching point along the wall, relative to the wall; ``anchor`` (2,): rest position of the tissue to which it
-    sticks. ``begun``, ``touching``, ``indentation`` (1,).
+    Attributes:
+        q: (k, 4) orientations.
+        before: (k, 4) orientations of the instant before.
+        centre: (3,) centre of the dome.
+        wall: (3,) the wall's point.
+        way: (2,) way of the touching point along the wall, relative to the wall.
+        anchor: (2,) rest position of the tissue to which it sticks.
+        begun: (1,) whether there was an instant.
+        touching: (1,) whether the dome touches.
+        indentation: (1,) depth of the tissue.
     """
 
     q: FloatArray
@@ -70,8 +89,17 @@ class History(NamedTuple):
 class Instants(NamedTuple):
     """Results at each of m instants, base frame.
 
-    ``shapes`` (m, k, 4); ``dome_force``, ``touch`` (m, 3): force on the dome, and its point; ``base_moment`` (m, 3):
-    moment at the clamp; ``side_force`` (m,): force of the shaft's side along d; the others (m,).
+    Attributes:
+        shapes: (m, k, 4) orientations.
+        dome_force: (m, 3) force on the dome.
+        touch: (m, 3) its point.
+        base_moment: (m, 3) moment at the clamp.
+        side_force: (m,) force of the shaft's side along d.
+        indentation: (m,) depth of the tissue.
+        touching: (m,) whether the dome touches.
+        slipping: (m,) whether it slips.
+        converged: (m,) whether Newton's method converged.
+        stable: (m,) whether the shape is a minimum.
     """
 
     shapes: FloatArray

@@ -10,9 +10,12 @@ from ...types import BoolArray, FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TissueState:
-    """``shift_m`` (m, 3): how far the tissue is from home at instants evenly spread over the exposure.
+    """Position of the tissue during an exposure.
 
-    ``indentation_m``: how deep the tip sinks in; ``touch_m`` (3,): where, if it does.
+    Attributes:
+        shift_m: (m, 3) way from home at instants evenly spread over the exposure.
+        indentation_m: depth to which the tip sinks in.
+        touch_m: (3,) point of contact; None: no contact.
     """
 
     shift_m: FloatArray
@@ -22,7 +25,12 @@ class TissueState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TissueHome:
-    """``surface_m`` (3,): a point of the undented surface, at rest; ``into`` (3,): unit vector into the tissue."""
+    """Position of the tissue at rest.
+
+    Attributes:
+        surface_m: (3,) a point of the surface without indentation.
+        into: (3,) unit vector into the tissue.
+    """
 
     surface_m: FloatArray
     into: FloatArray
@@ -32,11 +40,13 @@ class TissueHome:
 class ImageTruth:
     """The visible catheter at mid-exposure.
 
-    ``mask`` (h, w): pixels of which the catheter covers more than half while nothing covers the catheter.
-    ``centreline_px`` (n, 2): the axis, projected through the lens, at the shape's own nodes, base to the tip's apex;
-    pixel centres at integers. The middle between the two outlines is within 0.005 px of it (perspective shows a
-    little more of the tube's far side). ``visible`` (n,): whether a node is in the image with nothing in front;
-    ``visible_share``: the share of the length of which that is true.
+    Attributes:
+        mask: (h, w) pixels of which the catheter covers more than half while nothing covers the catheter.
+        centreline_px: (n, 2) axis, projected through the lens, at the shape's own nodes, base to the tip's apex; pixel
+            centres at integers. The middle between the two outlines is within 0.005 px of it (perspective shows a
+            little more of the tube's far side).
+        visible: (n,) whether a node is in the image with nothing in front.
+        visible_share: share of the length that is visible.
     """
 
     mask: BoolArray

@@ -85,6 +85,12 @@ def _lag(positions: FloatArray, share: float, place: float) -> float:
 class Axis:
     """Follows commands that are given at a fixed rate; each call continues from the state after the last one.
 
+    Args:
+        model: limits and dynamics of the axis.
+        dt_s: time between commands.
+        start: position at the start, in the unit of the axis.
+        speed: speed at the start, for each second.
+
     >>> axis = Axis(AxisModel(step=1e-5, max_speed=0.1, max_acceleration=1.0), dt_s=1e-3)
     >>> bool(axis.follow(np.array([0.05]))[0] < 1e-4)  # it has mass
     True
@@ -114,10 +120,14 @@ class Axis:
 
 
 class Drive:
-    """An axis over a session: it follows its ``programme`` (m,) until it is commanded.
+    """An axis over a session: it follows its programme until it is commanded.
 
-    ``by_hand``: the programme is the true position of the axis, which a hand moves or nothing moves, and the motor
-    takes over from there; otherwise the programme is the commands of the motor.
+    Args:
+        model: limits and dynamics of the axis.
+        dt_s: time between instants.
+        programme: (m,) programme in the unit of the axis.
+        by_hand: the programme is the true position of the axis, which a hand moves or nothing moves, and the motor
+            takes over from there; otherwise the programme is the commands of the motor.
     """
 
     def __init__(self, model: AxisModel, dt_s: float, programme: FloatArray, *, by_hand: bool) -> None:

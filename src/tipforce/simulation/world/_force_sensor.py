@@ -63,10 +63,15 @@ class SensorLog:
 
 
 class ForceSensor:
-    """Readings at the sensor's rate for ``seconds`` of its own clock, from its zero.
+    """Readings at the sensor's rate on its own clock, from its zero. The rows of ``log`` are filled by `take`.
 
-    The sensor is mounted with its x axis along the stage's normal, ``normal_angle_rad`` from the base frame's x;
-    this angle is stated in whole degrees. The rows of ``log`` are filled by `take`.
+    Args:
+        settings: settings of the sensor.
+        clock: settings of the clocks.
+        normal_angle_rad: angle from the base frame's x to the sensor's x axis, which is along the stage's normal; it is
+            stated in whole degrees.
+        seconds: length of the log.
+        rng: random numbers of the sensor.
     """
 
     def __init__(

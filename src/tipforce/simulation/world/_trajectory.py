@@ -103,10 +103,21 @@ def _drives(
 class TrajectoryIntegrator:
     """A session that is simulated up to the instant that is needed, while its drives may be commanded.
 
-    ``clamp``, ``knob``, ``forward``, ``across``: the drives, in m and degrees. ``trajectory``: its rows are valid up to
-    ``done``, their accelerations up to ``final``. The result does not depend on the lengths of the parts. ``every``:
-    interval between solutions of the rod, in instants. The rows of ``contact`` between them are empty; the drives move
-    at all instants.
+    The result does not depend on the lengths of the parts.
+
+    Args:
+        bench_model: the session's bench.
+        motion_profile: the motion before its amplitude is known.
+        motion: amplitude of the beat, and standoff.
+        every: interval between solutions of the rod, in instants. The rows of ``contact`` between them are empty; the
+            drives move at all instants.
+
+    Attributes:
+        clamp: drive of the advance, m.
+        knob: drive of the knob, degrees.
+        forward: drive of the stage along the wall's normal, m.
+        across: drive of the stage across, m.
+        trajectory: the trajectory; its rows are valid up to ``done``, their accelerations up to ``final``.
     """
 
     def __init__(self, bench_model: BenchModel, motion_profile: MotionProfile, motion: Motion, every: int = 1) -> None:

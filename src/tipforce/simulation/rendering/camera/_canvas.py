@@ -17,7 +17,13 @@ Part = tuple[slice, slice]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """How much of each pixel of a canvas of ``shape`` a thing covers: ``values`` in ``part``, nothing elsewhere."""
+    """Share of each pixel of a canvas that an object covers.
+
+    Attributes:
+        shape: rows and columns of the canvas.
+        part: rows and columns of the canvas outside of which the cover is 0.
+        values: (rows, columns) cover in ``part``, 0 to 1.
+    """
 
     shape: tuple[int, int]
     part: Part
@@ -151,9 +157,14 @@ def band(start: FloatArray, end: FloatArray, half: float) -> FloatArray:
 
 @dataclass(slots=True, eq=False)
 class SceneCanvas:
-    """``levels`` (h, w, 3), ``transmittance`` (h, w) for the layers below; ``px_per_m`` of the canvas.
+    """A canvas of the scene.
 
-    ``changed``: where something was laid or darkened, part by part.
+    Attributes:
+        levels: (h, w, 3) light times cover, grey levels.
+        transmittance: (h, w) share of the light of the layers below that is visible.
+        px_per_m: canvas pixels for each metre.
+        scene: the scene.
+        changed: parts in which something was painted or darkened.
     """
 
     levels: FloatImage

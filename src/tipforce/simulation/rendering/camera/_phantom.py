@@ -26,9 +26,15 @@ STEP_HEIGHT_M = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Phantom:
-    """``sprite`` (2, 2, c + 1, rows, columns) and ``spans`` as `lay_moving` takes them; ``into_px`` (2,) unit vector.
+    """A painted phantom.
 
-    At home, the image's pixel (u, v) shows the sprite at (u, v) + ``margin_px``. ``px_per_m``: scale at the surface.
+    Attributes:
+        sprite: (2, 2, c + 1, rows, columns) layer by half-pixel phase in v and u.
+        spans: (rows, 4) spans of the sprite's rows, see `lay_moving`.
+        margin_px: position in the sprite minus position in the image, at home.
+        home_m: (3,) point of the surface at home, base frame.
+        into_px: (2,) unit vector into the tissue, in the image.
+        px_per_m: scale at the surface.
     """
 
     sprite: FloatImage

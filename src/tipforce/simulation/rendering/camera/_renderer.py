@@ -20,13 +20,19 @@ from ._tube_model import instrument_shape
 class CameraRenderer:
     """Draws the images of one session; several threads may call its methods at the same time.
 
-    ``camera`` sees the base frame (metres: x along the base's tangent, y to the left of it, z to the camera); it is
-    usually ``scene.camera(width, height)``, which is taken where none is given. ``length_m``: of the catheter, base to
-    apex. ``tissue``: where the phantom is at rest, or None without one. The same scene, camera, shapes and frame number
-    give the same bytes on any thread and in any order.
+    The same scene, camera, shapes and frame number give the same bytes on any thread and in any order.
 
     Shapes are (m, n, 3): the catheter's axis from base to apex, uniform in arc length, at instants evenly spread over
     the exposure, the first at its start and the last at its end; m = 1: nothing moves. The shutter is global.
+
+    Args:
+        scene: the scene.
+        length_m: length of the catheter, base to apex.
+        camera: camera model whose world is the base frame (x along the base's tangent, y to the left of it, z to the
+            camera); None: that of the scene.
+        tissue: phantom at rest; None: no phantom.
+        width: width of the image in px.
+        height: height of the image in px.
     """
 
     def __init__(

@@ -11,7 +11,11 @@ from ....types import BasePose
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """``grey_per_electron``: shot noise has this times the level as its variance; ``read_grey``: sigma of the rest.
+    """Noise of the sensor.
+
+    Attributes:
+        grey_per_electron: variance of the shot noise over the level, in grey levels.
+        read_grey: standard deviation of the read noise in grey levels.
 
     >>> round(SensorNoise.at_mid_grey(3.0, read_share=0.5).sigma(128.0), 6)
     3.0
@@ -41,7 +45,12 @@ class SensorNoise:
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """``direction`` (3,): unit vector to the lamp: right, down, to the camera. ``strength``: share of the light."""
+    """A lamp.
+
+    Attributes:
+        direction: (3,) unit vector to the lamp: right, down, to the camera.
+        strength: share of all light.
+    """
 
     direction: tuple[float, float, float]
     strength: float
@@ -51,8 +60,13 @@ class Lamp:
 class TubeFinish:
     """Reflection of a tube's surface; levels are of a camera at light 1, grey or (red, green, blue).
 
-    ``shaft`` and ``metal``: levels of a face turned to the camera. ``gloss_grey``: largest level that a highlight adds.
-    ``sharpness``: exponent of the shaft's highlight. ``rim_grey``: reflection of the ground at the rim (Fresnel).
+    Attributes:
+        shaft: level of a polymer face turned to the camera.
+        metal: level of a metal face turned to the camera.
+        gloss_grey: largest level that a highlight adds.
+        sharpness: exponent of the shaft's highlight.
+        rim_grey: reflection of the ground at the rim (Fresnel).
+        metal_sharpness: exponent of the metal's highlight.
     """
 
     shaft: tuple[float, float, float]
@@ -69,11 +83,18 @@ Colour = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Lighting:
-    """``level``: overall; ``gradient``: relative change across the image along ``gradient_rad`` (in the image).
+    """Light of a scene.
 
-    ``vignetting``: loss in the corners. ``spot``: how much brighter the middle of a lamp's pool is than its rim, and
-    ``spot_at``: its position, in shares of the image. ``lamps`` carry the rest of the light after ``ambient``;
-    ``lamp_size_rad``: angular size of the lamps from the table, which softens their shadows.
+    Attributes:
+        level: overall brightness.
+        gradient: relative change across the image.
+        gradient_rad: direction of the gradient in the image.
+        vignetting: relative loss in the corners.
+        spot: relative brightness of the middle of a lamp's pool above its rim.
+        spot_at: (2,) position of the pool, in shares of the image.
+        ambient: share of the light from all directions.
+        lamps: lamps, with the rest of the light.
+        lamp_size_rad: angular size of the lamps from the table, which softens their shadows.
     """
 
     level: float
@@ -89,7 +110,13 @@ class Lighting:
 
 @dataclass(frozen=True, slots=True)
 class Braid:
-    """The weave under a shaft's polymer: how much lighter and darker, ``pitch_m`` along, ``strands`` across."""
+    """The weave under a shaft's polymer.
+
+    Attributes:
+        contrast: relative change of the light.
+        pitch_m: length of a turn along the shaft.
+        strands: number of strands over half the circumference.
+    """
 
     contrast: float
     pitch_m: float
@@ -98,10 +125,17 @@ class Braid:
 
 @dataclass(frozen=True, slots=True)
 class CatheterAppearance:
-    """``radius_m``; ``electrode_m``: length of the metal tip; ``rings_m``: from, to, measured back from the apex.
+    """Appearance of a catheter.
 
-    ``seam``: how dark the joints between metal and polymer are, 0..1; ``wear``: relative unevenness along the shaft.
-    ``blunt``: exponent of the tip's outline, 2: a dome; 6: nearly flat.
+    Attributes:
+        radius_m: radius of the shaft.
+        electrode_m: length of the metal tip.
+        rings_m: start and end of each ring, measured back from the apex.
+        finish: reflection of polymer and metal.
+        seam: darkness of the joints between metal and polymer, 0 to 1.
+        wear: relative unevenness along the shaft.
+        blunt: exponent of the tip's outline; 2: a dome; 6: nearly flat.
+        braid: the visible braid; None: none.
     """
 
     radius_m: float
@@ -116,10 +150,16 @@ class CatheterAppearance:
 
 @dataclass(frozen=True, slots=True)
 class BackgroundAppearance:
-    """``kind``: board, cloth, paper or breadboard; ``depth_m``: below the base frame's plane; ``objects`` are on it.
+    """Appearance of the table.
 
-    ``texture_grey``: standard deviation of the unevenness; ``lines_grey``: contrast of weave, print or holes.
-    ``clear_m``: every object is at least this far from the unbent catheter's axis; 0 or less: anywhere.
+    Attributes:
+        kind: one of `GROUNDS`.
+        colour: colour of the surface.
+        texture_grey: standard deviation of the unevenness.
+        lines_grey: contrast of weave, print or holes.
+        depth_m: distance below the base frame's plane.
+        objects: number of objects on it.
+        clear_m: smallest distance of an object from the unbent catheter's axis; 0 or less: anywhere.
     """
 
     kind: str
@@ -133,13 +173,25 @@ class BackgroundAppearance:
 
 @dataclass(frozen=True, slots=True)
 class TissueAppearance:
-    """A silicone pad on a plate, on a round sensor, on the arm of a stage; sizes in metres.
+    """A silicone pad on a plate, on a round sensor, on the arm of a stage.
 
-    ``over_tip``: the pad is taller than the catheter and hides the sunken tip, else the tip is visible on the pad.
-    ``carrier``: whether plate, sensor and arm are in view. ``rim_m``: length of a rim before the face that
-    hides the indentation (then ``over_tip`` too). ``opacity``: of tissue and carrier, below 1 in fluid.
-    ``face_radius_m``: positive where the face is convex, negative where it is concave. ``visibility``: how far tissue
-    and carrier are visible.
+    Attributes:
+        colour: colour of the pad.
+        mottle: relative unevenness of the pad.
+        pad_m: (2,) depth and half width of the pad.
+        plate_m: (2,) depth and half width of the plate.
+        plate_grey: level of the plate.
+        body_m: (2,) depth and half width of the sensor.
+        body_grey: level of the sensor.
+        arm_half_m: half width of the arm.
+        arm_grey: level of the arm.
+        corner_m: radius of the pad's corners.
+        over_tip: the pad is taller than the catheter and hides the sunken tip, else the tip is visible on the pad.
+        carrier: whether plate, sensor and arm are in view.
+        rim_m: length of a rim before the face that hides the indentation (then ``over_tip`` too); 0: none.
+        opacity: opacity of tissue and carrier, below 1 in fluid.
+        face_radius_m: radius of the face, positive if convex, negative if concave; None: flat.
+        visibility: how far tissue and carrier are visible.
     """
 
     colour: Colour
@@ -162,9 +214,17 @@ class TissueAppearance:
 
 @dataclass(frozen=True, slots=True)
 class Instrument:
-    """A second tube in view, from ``start_m`` to ``end_m`` (2,) in the base frame's plane, bent by ``bow_m``.
+    """A second tube in view, in the base frame's plane.
 
-    It sways by ``sway_m`` about its start at ``sway_hz``. ``in_front``: nearer to the camera than the catheter.
+    Attributes:
+        start_m: (2,) its start.
+        end_m: (2,) its end.
+        bow_m: largest distance of its middle from the straight line.
+        sway_m: way of its end as it sways about its start.
+        sway_hz: frequency of the sway.
+        phase_rad: phase of the sway at time 0.
+        in_front: whether it is nearer to the camera than the catheter.
+        appearance: appearance of the tube.
     """
 
     start_m: tuple[float, float]
@@ -179,9 +239,14 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True)
 class Occluder:
-    """Something in front of the shaft: a band across it from ``from_m`` to ``to_m`` along the base's tangent.
+    """An object in front of the shaft: a band across it.
 
-    ``kind``: tape, bracket or cable; ``slant_rad`` from the perpendicular; ``colour``.
+    Attributes:
+        kind: tape, bracket or cable.
+        from_m: start along the base's tangent.
+        to_m: end along the base's tangent.
+        slant_rad: angle from the perpendicular.
+        colour: colour of the band.
     """
 
     kind: str
@@ -193,9 +258,13 @@ class Occluder:
 
 @dataclass(frozen=True, slots=True)
 class Sheath:
-    """The tube out of whose mouth, at the base, the catheter comes; ``appearance``: without metal.
+    """The tube from whose mouth, at the base, the catheter comes.
 
-    ``fitting``: "", "stopper" or "clamp", the part on its last ``fitting_m``, of ``fitting_colour``.
+    Attributes:
+        appearance: appearance of the tube, without metal.
+        fitting: part at its end: "", "stopper" or "clamp".
+        fitting_m: length of this part.
+        fitting_colour: colour of this part.
     """
 
     appearance: CatheterAppearance
@@ -206,10 +275,13 @@ class Sheath:
 
 @dataclass(frozen=True, slots=True)
 class CoverPlate:
-    """A plate in front of all, behind whose straight edge the tissue moves.
+    """A plate in front of all objects, behind whose straight edge the tissue moves.
 
-    ``edge_m`` (2,): a point of the edge in the base frame's plane; ``into_rad``: from x to the direction away from the
-    catheter, counter-clockwise; ``half_m``: half the edge's length.
+    Attributes:
+        edge_m: (2,) a point of the edge in the base frame's plane.
+        into_rad: angle from x to the direction away from the catheter, counter-clockwise.
+        half_m: half the edge's length.
+        colour: colour of the plate.
     """
 
     edge_m: tuple[float, float]
@@ -222,8 +294,11 @@ class CoverPlate:
 class SensorPipeline:
     """The steps of a camera between its sensor and its file.
 
-    ``mosaic``: one colour a pixel (Bayer), the others interpolated. ``sharpen``: unsharp mask of this strength and of
-    ``sharpen_px``. ``grey``: the image is turned to grey at the end.
+    Attributes:
+        mosaic: whether each pixel measures one colour (Bayer) and the others are interpolated.
+        sharpen: strength of the unsharp mask.
+        sharpen_px: its standard deviation.
+        grey: whether the image is converted to grey at the end.
     """
 
     mosaic: bool
@@ -236,10 +311,17 @@ class SensorPipeline:
 class Lens:
     """Position and sharpness of the camera.
 
-    ``base_at_m`` (2,): the base, right and down from the middle of the image's left border; ``base_turn_rad``: its
-    tangent from the image's u axis, counter-clockwise as displayed. ``yaw_rad``, ``pitch_rad``: the camera's turn
-    about its own vertical and horizontal axes, held on the middle of the image. ``blur_px``: sigma in the base
-    frame's plane; ``sharpest_m``: height of the focus above that plane (towards the camera); ``defocus_px_per_m``.
+    Attributes:
+        scale_m_per_px: scale in the base frame's plane, for 640 columns.
+        distance_m: distance of the camera from this plane.
+        base_at_m: (2,) position of the base, right and down from the middle of the image's left border.
+        base_turn_rad: direction of its tangent from the image's u axis, counter-clockwise as displayed.
+        yaw_rad: turn of the camera about its vertical axis, around the middle of the image.
+        pitch_rad: turn about its horizontal axis, likewise.
+        distortion: k1, k2, p1, p2, k3.
+        blur_px: standard deviation of the blur in the base frame's plane.
+        sharpest_m: height of the focus above that plane, towards the camera.
+        defocus_px_per_m: blur by the distance from the focus.
     """
 
     scale_m_per_px: float
@@ -277,10 +359,26 @@ class Lens:
 
 @dataclass(frozen=True, slots=True)
 class CameraScene:
-    """All parameters of a session's images but those that move; `sample_scene` draws them.
+    """All parameters of a session's images except those that move; `sample_scene` draws them.
 
-    ``colour``: images are (h, w, 3) RGB, else (h, w). ``seed``: of textures and noise. ``front_objects``: things out
-    of focus between camera and catheter, blurred by ``front_blur_px``.
+    Attributes:
+        seed: seed of textures and noise.
+        colour: whether images are (h, w, 3) RGB, else (h, w).
+        exposure_s: length of an exposure.
+        jpeg_quality: JPEG quality of recorded images, 1 to 100.
+        light: light of the scene.
+        lens: position and sharpness of the camera.
+        noise: noise of the sensor.
+        catheter: appearance of the catheter.
+        ground: appearance of the table.
+        tissue: appearance of the tissue.
+        instrument: second instrument; None: none.
+        occluders: objects in front of the shaft.
+        sheath: sheath around the base; None: none.
+        cover: plate in front of the tissue; None: none.
+        pipeline: steps from sensor to file; None: noise only.
+        front_objects: number of objects out of focus between camera and catheter.
+        front_blur_px: standard deviation of their blur.
     """
 
     seed: int

@@ -151,10 +151,21 @@ def _lay_occluder(canvas: SceneCanvas, camera: CameraModel, cover: Occluder, rng
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticLayers:
-    """A session's still parts; images are (c, h, w) float32, grey levels, lit but for the phantom's.
+    """A session's still parts; images are (c, h, w) float32, grey levels, lit except for the phantom's.
 
-    ``light`` (h, w); ``foreground`` (c + 1, h, w) or None: objects in front, last the share of the view that is
-    left; ``foreground_box``: box around them. ``px_per_m``: at the base. ``gauss``: see `gauss_table`.
+    Attributes:
+        scene: the scene.
+        camera: camera model; its world is the base frame.
+        focus: blur by depth.
+        px_per_m: scale at the base.
+        ground: (c, h, w) table with objects.
+        light: (h, w) brightness of the light.
+        foreground: (c + 1, h, w) objects in front, and the visible share of the layers behind; None: none.
+        foreground_box: box around them.
+        phantom: the phantom; None: none.
+        catheter: constant parts of the catheter.
+        second: constant parts of the second instrument; None: none.
+        gauss: `gauss_table`.
     """
 
     scene: CameraScene

@@ -24,10 +24,14 @@ _CELLS = 96
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TubeProfile:
-    """``table`` (blur, direction, across, 4) float32: cover; matte light, gloss and metal light times cover.
+    """Shading tables of a tube.
 
-    Across: from ``-reach_px`` to ``reach_px`` for a tube of ``half_width_px``; gloss in grey levels, the others as a
-    share. Direction: of the axis, whole turn. Blur: sigma from ``blur_px[0]`` to ``blur_px[1]``.
+    Attributes:
+        table: (blur, direction, across, 4) cover; matte light, gloss and metal light times cover; gloss in grey levels,
+            the others as a share. Direction of the axis: a whole turn.
+        half_width_px: half the width of the tube.
+        reach_px: the table reaches across from minus this to this.
+        blur_px: smallest and largest standard deviation of the blur.
     """
 
     table: FloatImage
@@ -100,7 +104,10 @@ NODE_DISTANCE_M = 1.2e-3
 class Focus:
     """Blur of a point by its depth: sigma^2 = ``sharp_px``^2 + (``px_per_m`` (depth - ``depth_m``))^2.
 
-    ``depth_m``: distance of the sharpest plane from the camera, along its axis.
+    Attributes:
+        sharp_px: smallest standard deviation of the blur.
+        depth_m: distance of the sharpest plane from the camera, along its axis.
+        px_per_m: increase of the blur with the distance from that plane.
     """
 
     sharp_px: float

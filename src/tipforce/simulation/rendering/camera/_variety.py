@@ -82,12 +82,17 @@ class SceneVariety(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Framing:
-    """Positions of catheter and tissue, as the person who sets up the camera knows them.
+    """Positions of catheter and tissue, as the person who sets up the camera knows them; base frame.
 
-    ``size``: of the images. ``reach_m`` (k, 3): positions of catheter and tip at times spread over the session.
-    ``forward`` (2,): the direction into the tissue. ``face_m``: position of the face along it when the stage has come
-    farthest against the tip; ``behind_m``: longest way of the tip beyond that. ``aside_m``: of the touched point,
-    across. ``face_radius_m``: as in `TissueAppearance`.
+    Attributes:
+        size: width and height of the images.
+        base_side: side of the image at which the catheter enters.
+        reach_m: (k, 3) positions of catheter and tip at times spread over the session.
+        forward: (2,) direction into the tissue.
+        face_m: position of the face along it when the stage has come farthest against the tip.
+        behind_m: longest way of the tip beyond that.
+        aside_m: position of the touched point across.
+        face_radius_m: radius of the face, see `TissueAppearance`.
     """
 
     size: tuple[int, int]

@@ -22,9 +22,14 @@ _SPONGY, _CORTICAL = PER_M["spongy_bone"] - _SOFT, PER_M["cortical_bone"] - _SOF
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A tube along ``points_m`` (n, 3): layers of its materials, and sections (from, to, material, strength).
+    """A tube of the anatomy.
 
-    ``waists``: from, to, and how much narrower the tube is in the middle of that stretch than at its ends.
+    Attributes:
+        points_m: (n, 3) axis.
+        radius_m: radius.
+        materials: layers of each kind of section.
+        sections: from, to (m along the axis), number of the material, strength.
+        waists: from, to, and relative reduction of the radius in the middle of that stretch.
     """
 
     points_m: FloatArray
@@ -41,7 +46,13 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Blob:
-    """An ellipsoid with half axes ``half_m`` along the patient's axes; ``per_m``: difference to its surroundings."""
+    """An ellipsoid.
+
+    Attributes:
+        middle_m: (3,) centre.
+        half_m: (3,) half axes along the patient's axes.
+        per_m: linear attenuation minus that of its surroundings, 1/m.
+    """
 
     middle_m: tuple[float, float, float]
     half_m: tuple[float, float, float]

@@ -13,14 +13,18 @@ from ....types import FloatArray
 class CArm:
     """Positions of the focal spot and the detector of one plane, in DICOM's words.
 
-    ``primary_deg``: positioner primary angle, positive toward LAO (the patient's left), 0 = from behind to the front
-    (AP); ``secondary_deg``: positive toward cranial. ``source_detector_m``; ``source_object_m``: focal spot to
-    isocentre. ``scale_m_per_px``: at the isocentre, for 512 columns; ``roll_deg``: the detector's turn in its own
-    plane; ``centre_px`` (2,): where the central ray meets it, from the image's middle, for 512 columns.
-
     The patient's frame is DICOM's: origin at the isocentre, x to the patient's left, y to the back, z to the head.
     Images are shown as usual: the viewer looks from the detector to the tube, so that from the front the patient's
     left is at the image's right.
+
+    Attributes:
+        primary_deg: positioner primary angle, positive toward LAO (the patient's left), 0: from back to front (AP).
+        secondary_deg: positioner secondary angle, positive toward cranial.
+        source_detector_m: distance from focal spot to detector.
+        source_object_m: distance from focal spot to isocentre.
+        scale_m_per_px: scale at the isocentre, for 512 columns.
+        roll_deg: turn of the detector in its own plane.
+        centre_px: (2,) point of the central ray on the detector, from the image's middle, for 512 columns.
     """
 
     primary_deg: float

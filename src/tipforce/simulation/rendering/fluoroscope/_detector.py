@@ -31,7 +31,12 @@ _STEP = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotonTables:
-    """``alias`` (means, 128) uint32: threshold in the upper 25 bits, alias in the lower 7; ``gauss``: `gauss_table`."""
+    """Tables of `sample_photons`.
+
+    Attributes:
+        alias: (means, 128) threshold in the upper 25 bits, alias in the lower 7.
+        gauss: `gauss_table`.
+    """
 
     alias: Words
     gauss: FloatImage
@@ -149,7 +154,12 @@ _POINTS = 8192
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """Grey levels by the root of the signal: ``levels`` (n,), ``per_root`` of them for a root of one quantum."""
+    """The display's curve: grey levels by the root of the signal.
+
+    Attributes:
+        levels: (n,) grey levels.
+        per_root: number of levels for a root of one photon.
+    """
 
     levels: FloatImage
     per_root: float

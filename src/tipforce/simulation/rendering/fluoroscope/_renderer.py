@@ -81,13 +81,21 @@ class _Buffers:
 class XrayRenderer:
     """Draws the images of one view of one session; several threads may call its methods at the same time.
 
-    ``length_m``: of the catheter, base to apex. ``bits``: 8 gives uint8 images, 9 to 16 give uint16 ones. The same
-    scene, shapes, frame number and ``before`` give the same bytes on any thread and in any order.
+    The same scene, shapes, frame number and ``before`` give the same bytes on any thread and in any order.
 
     Shapes are (m, n, 3): the catheter's axis from base to apex in the base frame, uniform in arc length, at instants
     evenly spread over the pulse, the first at its start and the last at its end; m = 1: nothing moves.
 
-    Raises ValueError where the image's sides are no multiples of 8 or ``bits`` is out of range.
+    Args:
+        scene: the scene.
+        length_m: length of the catheter, base to apex.
+        view: number of the view.
+        width: width of the image in px, a multiple of 8.
+        height: height of the image in px, a multiple of 8.
+        bits: bits of a grey level: 8 for uint8 images, 9 to 16 for uint16 images.
+
+    Raises:
+        ValueError: a side or the bits are outside of these values.
     """
 
     def __init__(

@@ -58,7 +58,14 @@ class Detector:
 
 @dataclass(frozen=True, slots=True)
 class XrayView:
-    """One plane: ``true``: its true position; ``stated``: its calibration, the only one that a user gets."""
+    """One plane.
+
+    Attributes:
+        true: true position of the C-arm.
+        stated: its position as calibrated, the only one that a user gets.
+        beam: the beam.
+        detector: the detector.
+    """
 
     true: CArm
     stated: CArm
@@ -68,10 +75,17 @@ class XrayView:
 
 @dataclass(frozen=True, slots=True)
 class CatheterConstruction:
-    """``radius_m``; ``electrode_m``: length of the metal tip; ``rings_m``: from, to, measured back from the apex.
+    """Materials and measures of a catheter.
 
-    ``barium_sulphate``: its share of the shaft's polymer by weight; ``wall``: share of the radius; ``braid``: share of
-    the braid's layer that is steel; ``core``: share of the lumen that is copper wire; ``uneven``: relative, along it.
+    Attributes:
+        radius_m: radius of the shaft.
+        electrode_m: length of the metal tip.
+        rings_m: start and end of each ring, measured back from the apex.
+        barium_sulphate: share of the shaft's polymer by weight.
+        wall: thickness of the wall, as a share of the radius.
+        braid: share of the braid's layer that is steel.
+        core: share of the lumen that is copper wire.
+        uneven: relative unevenness along the shaft.
     """
 
     radius_m: float
@@ -86,9 +100,14 @@ class CatheterConstruction:
 
 @dataclass(frozen=True, slots=True)
 class Instrument:
-    """Another instrument in the heart: ``kind`` (wire, diagnostic, lead, probe) along a smooth curve through ``knots``.
+    """Another instrument in the heart, along a smooth curve.
 
-    It sways by ``sway_m`` with the heart, ``phase`` (share of a beat) behind it; more toward its end.
+    Attributes:
+        kind: wire, diagnostic, lead or probe.
+        radius_m: radius.
+        knots: points of the curve, patient's frame.
+        sway_m: (3,) way with the heart at its end, less toward its start.
+        phase: delay behind the heart, in shares of a beat.
     """
 
     kind: str
@@ -100,9 +119,15 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True)
 class Rhythm:
-    """``heart_hz``, ``breath_hz``; ``beat``: relative change of the heart's size; ``breath_m``: way of the diaphragm.
+    """Motion of heart and breath.
 
-    ``heart_phase``, ``breath_phase``: at time 0, in shares of a cycle.
+    Attributes:
+        heart_hz: heart rate.
+        breath_hz: breathing rate.
+        beat: relative change of the heart's size.
+        breath_m: way of the diaphragm.
+        heart_phase: phase of the heart at time 0, in shares of a cycle.
+        breath_phase: phase of the breath at time 0, in shares of a cycle.
     """
 
     heart_hz: float
@@ -125,9 +150,16 @@ class Rhythm:
 
 @dataclass(frozen=True, slots=True)
 class Anatomy:
-    """``spine_m``: where the spine passes beside and behind the heart (x, y); ``bone``: relative density of the bones.
+    """Measures of a patient.
 
-    ``lung``: relative contrast of the lung; ``dome_m``: height of the diaphragm; ``heart_size``: relative.
+    Attributes:
+        spine_m: (2,) position of the spine beside and behind the heart, x and y.
+        bone: relative density of the bones.
+        lung: relative contrast of the lung.
+        dome_m: height of the diaphragm.
+        heart_size: relative size of the heart.
+        sternal_wires: number of steel loops in the breastbone.
+        leads: number of leads on the skin.
     """
 
     spine_m: tuple[float, float]
@@ -141,9 +173,17 @@ class Anatomy:
 
 @dataclass(frozen=True, slots=True)
 class XrayScene:
-    """All that a session's images depend on but for the catheter's shape; see `sample_xray_scene`.
+    """All parameters of a session's images except the catheter's shape; see `sample_xray_scene`.
 
-    ``base_axis_angle`` and ``base_m``: the base frame's pose in the patient's frame. ``seed``: of textures and noise.
+    Attributes:
+        seed: seed of textures and noise.
+        views: the planes.
+        base_axis_angle: (3,) rotation vector of the base frame in the patient's frame.
+        base_m: (3,) origin of the base frame in the patient's frame.
+        catheter: materials and measures of the catheter.
+        devices: other instruments.
+        rhythm: motion of heart and breath.
+        anatomy: measures of the patient.
     """
 
     seed: int

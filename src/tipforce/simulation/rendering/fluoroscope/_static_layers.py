@@ -33,11 +33,22 @@ class MovingInstrument:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticLayers:
-    """One view's parts.
+    """One view's still parts, as attenuation.
 
-    ``still`` (h, w); ``chest`` (h + 2 m, w + 2 m) with ``margin`` m; ``heart`` and ``liver`` coarser by `COARSE`, with
-    ``coarse_margin``. ``head_px`` (2,): one metre toward the patient's head at the isocentre.
-    ``heart_px`` (2,): the heart's middle. ``camera``: world = base frame; ``patient_camera``: world = patient's frame.
+    Attributes:
+        camera: camera model; its world is the base frame.
+        patient_camera: camera model; its world is the patient's frame.
+        px_per_m: scale at the isocentre.
+        catheter: the catheter.
+        devices: other instruments.
+        still: (h, w) parts that do not move.
+        chest: (h + 2 m, w + 2 m) parts that move with the breath.
+        margin: m in px.
+        heart: heart, coarser by `COARSE`.
+        liver: organs below the diaphragm, coarser by `COARSE`.
+        coarse_margin: margin of both in their pixels.
+        head_px: (2,) one metre toward the patient's head at the isocentre.
+        heart_px: (2,) middle of the heart.
     """
 
     camera: CameraModel

@@ -20,7 +20,13 @@ _OPAQUE = 12.0
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """A shell of a tube from ``inner`` to ``outer`` (shares of its radius) that weakens by ``per_m``."""
+    """A shell of a tube.
+
+    Attributes:
+        inner: inner radius as a share of the tube's.
+        outer: outer radius as a share of the tube's.
+        per_m: linear attenuation, 1/m.
+    """
 
     inner: float
     outer: float
@@ -29,10 +35,12 @@ class Layer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectionProfile:
-    """Absorption of tubes of some materials across their width.
+    """Attenuation of tubes of some materials across their width.
 
-    ``table`` (materials, across) float32: attenuation of a tube across the rays, by the distance from its
-    middle in steps of 1 / `STEPS_PER_PX` px, 0 to ``reach_px``, where the tube's radius is ``half_px``.
+    Attributes:
+        table: (materials, across) attenuation, by the distance from the middle in steps of 1 / `STEPS_PER_PX` px.
+        half_px: radius of the tube for which the table is made.
+        reach_px: largest distance in the table.
     """
 
     table: npt.NDArray[np.float32]
@@ -42,10 +50,11 @@ class SectionProfile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxialProfile:
-    """How a tube goes on along its arc length, in points `POINTS_PER_M` apart from its start.
+    """A tube along its arc length, in points `POINTS_PER_M` apart from its start.
 
-    ``amount`` (materials, n): length in metres of each material from the start to here, weighed by its strength;
-    ``size`` (n,): radius here as a share of the tube's.
+    Attributes:
+        amount: (materials, n) length in metres of each material from the start to here, weighted by its strength.
+        size: (n,) radius here as a share of the tube's.
     """
 
     amount: FloatArray
