@@ -119,7 +119,7 @@ class ControlLoop:
     Args:
         actuators: the drives.
         clock: clock of the drives.
-        path: from the marked start to the marked goal.
+        path: path from the marked start to the marked goal.
         settings: target, controller, limits.
         frame_period_s: time between images of the source.
     """

@@ -68,13 +68,13 @@ class Evaluation:
         dataset: The n samples that were scored, drawn from ``everything``.
         everything: The whole dataset.
         methods: The methods, in their order.
-        results: By protocol, within it the methods in their order and the constant predictor last.
+        results: Results by protocol, within it the methods in their order and the constant predictor last.
         fitted: Method -> its predictions on the part it was trained on (thesis fig. 24).
         timing: Method -> microseconds a frame, see `time_per_frame`.
         notes: Sentences on parts that could not be done, and why.
         settings: The requested settings.
         truth_n: (len(everything), 3) true force in newtons, or None.
-        bounds: Of the n samples, or None.
+        bounds: Bounds of the n samples, or None.
         perturbed: Method -> lines of a table (see `perturbed_metrics`); empty where it was not asked for.
     """
 
@@ -145,7 +145,7 @@ def evaluate(
         bounds: Cramer-Rao bounds of all samples of ``dataset``; errors against ``truth_n`` are compared with them.
         progress: Called with the current step and the share that is done.
         fits: Keeps the fits on disk until all are done, see `kept_fits`; None: nothing is kept.
-        executor: Where ``fits`` are made first, side by side; None: here, one after the other.
+        executor: Makes ``fits`` first, side by side; None: they are made here, one after the other.
 
     Returns:
         The predictions, their metrics and all that a report needs (see `write_report`).

@@ -34,7 +34,7 @@ class KeptFits:
     """Fits methods on splits; with a folder, each fit becomes a model in it, named by its training data and settings.
 
     Args:
-        folder: Where fits are kept; None: nowhere.
+        folder: Folder of the fits; None: none is kept.
     """
 
     def __init__(self, folder: Path | None = None) -> None:

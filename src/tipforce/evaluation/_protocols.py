@@ -37,7 +37,7 @@ class ProtocolWords:
     """Wording of one protocol in a report.
 
     Attributes:
-        name: Of a line in a table.
+        name: Name of a line in a table.
         on: Begins a sentence.
         bar: Under a bar.
         of: "samples of ...".
@@ -128,11 +128,11 @@ class MethodResult:
     """One method under one protocol.
 
     Attributes:
-        predictions: Of the test samples, with the sensor's force as reference.
+        predictions: Predictions of the test samples, with the sensor's force as reference.
         metrics: Their `score`.
         truth_metrics: `score` against the true force; None where it is not known.
         bound_ratios: `CramerRaoBounds.ratios` of the errors against the true force; None where there is no bound.
-        fits: One for each split; empty for a saved model that is scored as it is.
+        fits: One fit for each split; empty for a saved model that is scored as it is.
     """
 
     predictions: Predictions
@@ -166,8 +166,8 @@ class ScoredData:
         everything: The dataset that they were drawn from.
         contact: (n,) True where the tip is in contact.
         truth_n: (n, 3) true force in newtons, or None.
-        bounds: Of the n samples, or None.
-        seed: Of the bootstrap.
+        bounds: Bounds of the n samples, or None.
+        seed: Seed of the bootstrap.
     """
 
     dataset: Dataset

@@ -62,7 +62,7 @@ class DeviceHealth:
         state: whether it is connected.
         connections: number of connections so far.
         settings: its requested and actual settings.
-        counts: its own counts, as "lost".
+        counts: counts by name, as "lost".
         message: its last fault.
         streams: health of each of its streams.
     """

@@ -51,8 +51,8 @@ def check_pixels(width: int, height: int, where: str) -> None:
     """Checks the size of an image.
 
     Args:
-        width: in px.
-        height: in px.
+        width: width in px.
+        height: height in px.
         where: the file that holds the image, for the message.
 
     Raises:

@@ -135,7 +135,7 @@ def eight_bits(image: npt.NDArray[Any], where: str, bits: Callable[[], int]) -> 
     """Returns a decoded image, (h, w) or (h, w, 3) BGR, in grey or RGB of 8 bits.
 
     Args:
-        image: of 8 or 16 bits.
+        image: image of 8 or 16 bits.
         where: origin of the image, for messages.
         bits: called for pixels of 16 bits; returns the number of bits in use.
 

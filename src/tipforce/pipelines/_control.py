@@ -131,12 +131,12 @@ class ControlRun:
         """Returns peaks and times above the limits of the whole run, and how well the target was held.
 
         Args:
-            seconds: the target is judged over so long from when it was first wanted in hold; where it never was, the
-                figures of the hold are missing.
+            seconds: duration in s over which the target is judged, from the tick at which hold first wants it; without
+                one the figures of the hold are missing.
 
         Returns:
-            Forces in N, times in s. ``unforeseen``: how often the true force passed the limit before the retraction had
-            begun.
+            Forces in N, times in s. ``unforeseen``: number of times that the true force passed the limit before the
+            retraction had begun.
         """
         time, limit_n = self.time_s, self.judged_limit_n
         step_s = np.diff(time, append=time[-1:])
@@ -261,14 +261,14 @@ class _EstimatorFeedback(_Feedback):
 class ControlSession:
     """One session of the bench with the loop closed, on simulated time; a context manager.
 
-    Going on with `events` makes time go on: an event that is asked for has been through the loop. ``run`` is filled
+    Iterating over `events` lets time pass: an event that it yields has been through the loop. ``run`` is filled
     meanwhile, its true force by `finish`.
 
     Args:
         feedback: an estimator, or ``truth``: for comparison only.
-        simulation: the bench, as of `live_bench`, not yet entered; it may have served another run before.
+        simulation: the bench of `live_bench`, not yet entered; it may have served another run before.
         control: target, controller, limits.
-        drives: which drives move along the path: ``advance``, ``knob`` or ``both``.
+        drives: the drives that move along the path: ``advance``, ``knob`` or ``both``.
         seconds: the session ends this time after the target was first wanted.
         spoil: changes each estimate on its way to the loop, as for a test of invalid ones.
 

@@ -53,7 +53,7 @@ def control(
 
     Args:
         session: not yet entered.
-        folder: where all of it goes; it may not hold an earlier run.
+        folder: folder of the files; it may not hold an earlier run.
         seconds: time from the first hold that is judged.
         title: description of the run in one line.
         command: the command that was typed, for the page.

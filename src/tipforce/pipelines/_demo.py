@@ -42,7 +42,7 @@ class DemoReport:
     Attributes:
         report: the page that compares the models on sessions never seen.
         best: the model with the smallest mean absolute error there.
-        seconds: when each step began, when the "first force" and the "first report" were there, and "total".
+        seconds: start of each step, and times of "first force", "first report" and "total".
     """
 
     report: Path

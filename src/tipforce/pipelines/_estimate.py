@@ -150,7 +150,7 @@ def estimate(
             `Frame` or of images, (h, w) grey or (h, w, 3) RGB, uint8.
         bench: metadata of the session in place of those in the file: a `SessionInfo` or a ``bench.toml``.
         actuation: constant readings of drives that ``frames`` do not carry, as ``{"knob_deg": 10.0}``.
-        frame_rate_hz: of images without stamps.
+        frame_rate_hz: rate of images without stamps.
 
     Yields:
         One `ForceEstimate` a frame, in newtons in the base frame; it says ``valid`` or why not.
@@ -306,7 +306,7 @@ def write_estimates(
         estimator: a fitted one.
         source: an open source; see `open_source`.
         forces: a CSV file or an open stream.
-        overlay: also an .mp4 with shape, force, value, interval and status in it.
+        overlay: an .mp4 with shape, force, value, interval and status in it; None: none is written.
         full_scale_n: force whose arrow is a quarter of the image long.
         contact: force window, limit and threshold of contact; by default `ContactSettings`.
         progress: called with the current step and the share that is done.

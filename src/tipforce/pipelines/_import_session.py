@@ -135,7 +135,7 @@ def import_session(
         rate: true over stated frame rate; None: found with the offset, else 1.
         vision: how the catheter is detected for the clock map.
         lossless: keep images as PNG.
-        jpeg_quality: of images that are kept as JPEG.
+        jpeg_quality: quality of images that are kept as JPEG, 1 to 100.
         overwrite: replace an existing recording.
         progress: called with the current step and the share that is done.
 

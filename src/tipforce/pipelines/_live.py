@@ -160,7 +160,7 @@ def slow_bench(clock: Clock, rate_hz: float, remedy: str) -> str:
     """Returns the message that a computer is too slow for a simulated bench in real time; empty if it is fast enough.
 
     Args:
-        clock: of the bench.
+        clock: clock of the bench.
         rate_hz: rate of the camera in images per second.
         remedy: a remedy besides ending other programs.
     """

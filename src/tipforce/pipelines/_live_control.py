@@ -80,11 +80,11 @@ class LiveControl:
 
     Args:
         actuators: the drives; they may be connected later.
-        clock: the engine's.
+        clock: the engine's clock.
         settings: target, controller, limits, drives.
         marks: start and goal of the path where the settings hold none; without them the operator marks both.
-        frame_period_s: between images, as the source promises.
-        silent_s: so long ago a page was heard; None: runs go on without one.
+        frame_period_s: time between images, as the source promises.
+        silent_s: returns the time in s since a page was heard; None: runs continue without one.
         true_force_n: the true force on the tip now, in newtons, of a simulated bench; for the record only.
     """
 

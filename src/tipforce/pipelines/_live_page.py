@@ -34,7 +34,7 @@ class LivePage:
     """The page of one run. A context manager: inside it the page is served, also before `begin`.
 
     Args:
-        at: where it is served.
+        at: address at which it is served.
     """
 
     def __init__(self, at: PageAddress) -> None:
@@ -70,7 +70,7 @@ class LivePage:
         """Shows the updates of ``engine``, and lets its buttons work.
 
         Args:
-            engine: that will run; the page becomes one of its sinks.
+            engine: the engine that will run; the page becomes one of its sinks.
             clock: the engine's.
             control: a loop that holds a force, or None.
         """

@@ -358,7 +358,7 @@ def _check_inertia(found: ForceCorrections, left_n: float, source: str, name: st
         found: corrections of the force log.
         left_n: inertia in the labels, N.
         source: origin of that figure.
-        name: of the force log.
+        name: name of the force log.
 
     Raises:
         InputError: the labels would hold more than `MAX_INERTIA_N` of a mass that moves with the sensor.

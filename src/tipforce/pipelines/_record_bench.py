@@ -39,16 +39,16 @@ _CONNECT_S = 10.0
 
 
 class BenchRecording:
-    """A recording that is made while it is looked at: ``health`` and ``prompt`` may be asked from another thread.
+    """A recording that can be watched: ``health`` and ``prompt`` may be called from another thread.
 
     Args:
         bench: ``bench.toml`` with its devices.
         simulated: preset of a simulated bench, in place of devices, in real time.
         stated: metadata in place of those of ``bench``.
-        seconds: how long; else until `stop`, the end of the guide, or of a simulated session.
+        seconds: duration in s; None: until `stop`, the end of the guide, or of a simulated session.
         guide: a guided first session, or None.
         partial: record also where a device does not answer.
-        seed: of the simulated bench.
+        seed: seed of the simulated bench.
 
     Raises:
         InputError: neither or both of ``bench`` and ``simulated`` are given, or the bench is refused.

@@ -84,7 +84,7 @@ def simulate(
         sessions: number of sessions.
         seconds: length of each in s; None: the preset's.
         seed: the same seed gives the same sessions.
-        form: one recording a session; or a folder of video (or DICOM), logs and bench.toml, to be imported.
+        form: "recording": one a session; "files", "dicom": a folder of video or DICOM, logs and bench.toml.
         lossless: keep every pixel as it is rendered.
         executor: "local": all cores of this machine; "ray": the nodes of the cluster at RAY_ADDRESS.
         progress: called with the current step and the share that is done.

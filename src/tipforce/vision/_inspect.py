@@ -157,7 +157,7 @@ class Tally:
         Args:
             title: title above its drawing.
             inspection: result of the frame.
-            name: of the image file; "" where it has none.
+            name: name of the image file; "" where it has none.
         """
         shape = inspection.shape
         if name:

@@ -31,7 +31,7 @@ class CalibrationBatch:
         graph: the trained network.
         task: makes batches of the samples.
         samples: all samples.
-        split: which of them it was trained on.
+        split: indices of the training and the validation samples.
         stamp_ns: (n,) stamps of the samples.
     """
 
@@ -50,7 +50,7 @@ class CalibrationBatch:
         """Returns the outputs for samples spread evenly over the validation split (``held_out``) or the training one.
 
         Args:
-            held_out: which split is used.
+            held_out: whether the validation split is used; else the training split.
             augmented: whether the images are augmented as in training.
         """
         index = self.held_out if held_out else spread_evenly(self.split.train, _CALIBRATION_SAMPLES)

@@ -24,7 +24,7 @@ class FittedNetwork:
         log: the training log.
         arrays: further fitted arrays, see `NetworkEstimator.fit_arrays`.
         interval: conformal intervals.
-        facts: how it was trained.
+        facts: facts of its training.
         sessions: all sessions it was trained on, with those of the model it was fine-tuned from.
     """
 

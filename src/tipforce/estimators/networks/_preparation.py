@@ -148,7 +148,7 @@ def prepare(
         masks: the catheter's mask in each sample's image, or None.
         specs: the arrays to keep, one file each.
         read: reads one sample.
-        folder: where the files are.
+        folder: folder of the files.
         key: everything that ``read`` depends on.
         names: (n,) name of each sample in messages.
         report: called with the finished share.

@@ -103,11 +103,11 @@ class RodModelFacts(ModelFacts, frozen=True):
 
     Attributes:
         stations: number of stations of the centreline that are compared, counted from the tip.
-        stiffness_factor: of the nominal stiffness.
+        stiffness_factor: factor of the nominal stiffness.
         precurvature_offset_per_m: added to the pre-curvature that the knob gives, in 1/m.
         station_rms_m: root mean square distance of detected and modelled stations, in metres.
         required_metadata: keys of the session metadata without which there is no estimate.
-        breaks: where the model breaks.
+        breaks: limits of the model.
     """
 
     stations: int = STATIONS

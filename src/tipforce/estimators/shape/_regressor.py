@@ -67,7 +67,7 @@ class FittedRegressor:
             were saved before these were known.
         shape: names of the shape numbers among its inputs.
         known: (3,) the force components that it estimates; none where it estimates the magnitude alone.
-        model: in the method's own form.
+        model: the model, in the method's own form.
         cv_rmse_n: root mean square error of each target over the folds, in newtons.
         interval: conformal intervals.
         samples: number of samples that it learnt from.
@@ -128,7 +128,7 @@ class ShapeRegressor(CentrelineEstimator):
         """Estimates forces.
 
         Args:
-            model: as `learn` returned it.
+            model: the model, as `learn` returned it.
             features: (m, k) as `learn` was given them.
 
         Returns:

@@ -314,7 +314,7 @@ def whole_session(evaluation: Evaluation, result: MethodResult, session: str) ->
 
     Args:
         evaluation: The evaluation.
-        result: Of one method; under protocols that hold out no whole sessions its test samples are taken.
+        result: Result of one method; under protocols without held-out sessions its test samples are taken.
         session: Name of the session.
 
     Returns:

@@ -215,7 +215,7 @@ def draw_window(axes: Axes, *, vertical: bool = False, label: bool = True) -> No
     """Marks forces below the window `WINDOW_N` and above `LIMIT_N`: a band for each, with a line at its end.
 
     Args:
-        axes: With its final limits in newtons.
+        axes: The plot, with its final limits in newtons.
         vertical: Marks the window on the x axis instead of the y axis.
         label: Names the bands in the legend.
     """

@@ -50,13 +50,13 @@ class Layout:
 
     Attributes:
         header: names of all columns, "" for those without one.
-        separator: between cells.
+        separator: sign between cells.
         above: number of the last line above the rows.
         decimal_comma: whether the decimal sign is a comma.
         thousands: sign between groups of thousands, "" if there is none.
         pairs: whether every number is in two cells, because its decimal comma also separates cells.
         comments: whether lines that begin with # are skipped.
-        encoding: of the text.
+        encoding: encoding of the text.
         units: column -> unit, from a row of units below the header.
         facts: names in small letters -> values, from the lines above the table and from cells of its header such as
             "Frequency = 1000".
@@ -136,7 +136,7 @@ def parsed(
 
     Args:
         lines: number and text of each line.
-        separator: between the cells.
+        separator: sign between cells.
         above: number of the last line that is skipped.
         comments: whether lines that begin with # are comments.
 
