@@ -95,7 +95,7 @@ def carried_n(stage: StageMotion, inertia: Inertia, stamps_ns: IntArray) -> Floa
         stamps_ns: (n,) stamps of the readings.
 
     Returns:
-        (n, 3) force in N, sensor's frame; (3,) zeros without inertia.
+        (n, 3) force in N, in the frame of the readings; (3,) zeros without inertia.
     """
     carried: FloatArray = np.zeros(3)
     if inertia.axes:

@@ -107,7 +107,7 @@ class Instrument:
         radius_m: radius.
         knots: points of the curve, patient's frame.
         sway_m: (3,) way with the heart at its end, less toward its start.
-        phase: delay behind the heart, in shares of a beat.
+        phase: lead over the heart, in shares of a beat.
     """
 
     kind: str
