@@ -10,6 +10,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 import fcntl
 import gc
 import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -134,3 +135,15 @@ def tube() -> Callable[..., np.ndarray]:
         return np.clip(np.rint(rough), 0, 255).astype(np.uint8)
 
     return draw
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Where Debian's chromium is; installed where that is possible, else the test is skipped."""
+    found = shutil.which("chromium")
+    if found is None and os.geteuid() == 0 and shutil.which("apt-get"):
+        subprocess.run(["apt-get", "install", "-y", "-q", "chromium"], capture_output=True, timeout=300, check=False)
+        found = shutil.which("chromium")
+    if found is None:
+        pytest.skip("Debian's chromium is not installed, and apt-get cannot install it here")
+    return found

@@ -3,6 +3,7 @@
 import shlex
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from typer.main import get_command
@@ -49,6 +50,19 @@ def test_examples_of(verb: str, work_folder: Path) -> None:
         if verb != "inspect" and output.is_file():
             output.unlink()
         run(line)
+
+
+def test_examples_of_annotate(work_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = sorted(path.name for path in (work_folder / "frames").iterdir())[:3]
+    rows = [f"{name},{u},{v}" for name in names for u, v in ((10, 150), (100, 140), (200, 100))]
+    (work_folder / "lines.csv").write_text("\n".join(["image,u,v", *rows]))
+    trained = SimpleNamespace(folder=work_folder / "detector", seconds=1.0, left_out=())
+    monkeypatch.setattr("tipforce.pipelines.AnnotationJob._fine_tune", lambda *_: trained)
+    monkeypatch.setattr("tipforce.cli.annotate._wait", lambda _: None)  # nobody presses "Finish"
+    for line in examples("annotate"):
+        run(line)
+    assert (work_folder / "run.annotations.json").is_file()
+    assert (work_folder / "lines.json").is_file()
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     "plausibility": BASE,
     "io": BASE | {"geometry", "plausibility"},
     "alignment": BASE | {"geometry", "vision", "io", "plausibility"},
+    "annotation": BASE | {"geometry", "vision", "io"},
     "datasets": BASE | {"geometry", "vision", "io", "alignment"},
     "training": BASE | {"geometry"},
     "estimators": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "training"},
@@ -52,7 +53,7 @@ ALLOWED: dict[str, set[str]] = {
             "datasets",
             "training",
         ),
-        *("estimators", "calibration", "clinical", "evaluation", "hardware", "live", "control"),
+        *("annotation", "estimators", "calibration", "clinical", "evaluation", "hardware", "live", "control"),
     },
 }
 """docs/design.md draws this; what is not listed may not be imported."""

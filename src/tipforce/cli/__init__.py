@@ -27,6 +27,7 @@ VERBS: dict[str, str] = {
     "train": "train",
     "evaluate": "evaluate",
     "inspect": "inspect",
+    "annotate": "annotate",
     "estimate": "estimate",
     "live": "live",
     "control": "control",
@@ -110,6 +111,7 @@ _KEPT = {
     "import": "; no recording was written, run the import again",
     "estimate": "; no table was written, run the command again",
     "inspect": "; nothing was written",
+    "annotate": "; the annotations are saved, and the same command goes on",
 }
 """The rest of an interrupted verb; train, evaluate and live state it themselves."""
 

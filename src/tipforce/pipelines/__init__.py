@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from .._system.lazy import loaded_on_use as _loaded_on_use
 
 if TYPE_CHECKING:
+    from ._annotate import AnnotateSettings, AnnotationJob, detector_beside
     from ._calibrate import CalibrateReport, calibrate, describe_calibration, plot_calibration
     from ._control import REGIMES, ControlRun, ControlSession, bench_of_regime, live_bench, run_control
     from ._control_report import control, plot_control, verdict
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 __all__ = [
     "COLUMNS",
     "REGIMES",
+    "AnnotateSettings",
+    "AnnotationJob",
     "BenchRecording",
     "CalibrateReport",
     "ControlRun",
@@ -61,6 +64,7 @@ __all__ = [
     "describe_calibration",
     "describe_health",
     "describe_recording",
+    "detector_beside",
     "estimate",
     "evaluate",
     "import_session",
@@ -92,6 +96,11 @@ __all__ = [
 __getattr__, __dir__ = _loaded_on_use(
     __name__,
     {
+        "_annotate": (
+            "AnnotateSettings",
+            "AnnotationJob",
+            "detector_beside",
+        ),
         "_calibrate": (
             "CalibrateReport",
             "calibrate",

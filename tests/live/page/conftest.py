@@ -1,8 +1,5 @@
-"""A server with a fake engine behind it, and a browser."""
+"""A server with a fake engine behind it."""
 
-import os
-import shutil
-import subprocess
 from collections.abc import Iterator
 
 import numpy as np
@@ -49,15 +46,3 @@ def server(_running: tuple[PageServer, FakeEngine], engine: FakeEngine, monkeypa
 @pytest.fixture
 def publisher(server: PageServer, image: Image) -> Publisher:
     return Publisher(server, image)
-
-
-@pytest.fixture(scope="session")
-def chromium() -> str:
-    """Where Debian's chromium is; installed where that is possible, else the test is skipped."""
-    found = shutil.which("chromium")
-    if found is None and os.geteuid() == 0 and shutil.which("apt-get"):
-        subprocess.run(["apt-get", "install", "-y", "-q", "chromium"], capture_output=True, timeout=300, check=False)
-        found = shutil.which("chromium")
-    if found is None:
-        pytest.skip("Debian's chromium is not installed, and apt-get cannot install it here")
-    return found

@@ -1,0 +1,6 @@
+"""Files of annotations: our table, COCO keypoints, SLEAP's analysis CSV and DeepLabCut's CSV."""
+
+from ._read import read_marks
+from ._write import check_marks_file, write_marks
+
+__all__ = ["check_marks_file", "read_marks", "write_marks"]

@@ -1,0 +1,219 @@
+"""Annotates the catheter in frames that differ, and fine-tunes the detector on them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import BaseModel, ConfigDict
+
+from ..annotation import (
+    DEFAULT_FRAMES,
+    MAX_CANDIDATES,
+    Annotation,
+    AnnotationImages,
+    AnnotationSession,
+    AnnotationStore,
+    Candidate,
+    ImportReport,
+    MarkedFrame,
+    TrainedDetector,
+    check_enough,
+    check_marks_file,
+    choose_frames,
+    import_marks,
+    uncertainty_of,
+    write_marks,
+)
+from ..errors import InputError
+from ..types import DetectedShape, Image, SessionInfo
+from ..vision import SessionDetector, VisionSettings
+from ._estimate import session_info_from
+
+if TYPE_CHECKING:
+    from ..annotation import AnnotationServer
+
+DETECTOR_FOLDER = "detector"
+"""Folder of the fine-tuned detector, beside ``bench.toml`` or the recording."""
+CARD = "detector.json"
+"""A folder of this name with this file in it is replaced by the next training; another one is not."""
+Progress = Callable[[str, float], None]
+
+
+class AnnotateSettings(BaseModel):
+    """Settings of the detector whose lines are proposed."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vision: VisionSettings = VisionSettings(method="auto")
+
+
+class AnnotationJob:
+    """The annotations of one recording or folder: from the page or a file, to the training or a file.
+
+    Args:
+        path: a recording, video, folder of images, or folder of recordings.
+        detector: folder of the fine-tuned detector.
+        settings: settings of the detector whose lines are proposed.
+        bench: metadata in place of those in the file.
+
+    Raises:
+        InputError: there is no image, or ``detector`` is a folder with other contents.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        detector: Path,
+        *,
+        settings: AnnotateSettings | Mapping[str, Any] | None = None,
+        bench: SessionInfo | str | Path | None = None,
+    ) -> None:
+        if detector.exists() and not (detector / CARD).is_file():
+            raise InputError(f"{detector}: exists already and is no detector of a training; choose another folder")
+        self._vision = AnnotateSettings.model_validate(settings or {}).vision
+        self.path, self.detector = path, detector
+        self.images = AnnotationImages(path, self._vision.view, session_info_from(bench))
+        self.store = AnnotationStore(path)
+        self._stated = session_info_from(bench)
+        self._detectors: dict[int, SessionDetector] = {}
+
+    @property
+    def finished(self) -> list[MarkedFrame]:
+        """The finished frames."""
+        return self.store.finished
+
+    def import_from(self, file: Path) -> ImportReport:
+        """Takes the annotations of a file as finished frames; see `tipforce.annotation.read_marks` for the formats.
+
+        Raises:
+            InputError: the file or one of its annotations cannot be used.
+        """
+        return import_marks(file, self.images, self.store)
+
+    def export(self, file: Path) -> int:
+        """Writes the finished frames: a table (.csv) or COCO keypoints (.json).
+
+        Returns:
+            The number of frames.
+
+        Raises:
+            InputError: no frame is finished, or the file cannot be written.
+        """
+        check_marks_file(file)
+        frames = self.finished
+        if not frames:
+            raise InputError(
+                f"{self.store.file}: no frame is finished; mark some with `tipforce annotate {self.path}`, or take "
+                f"those of a file with `tipforce annotate {self.path} --from FILE`"
+            )
+        names = [frame.image for frame in frames]
+        sizes = {name: image.shape[1::-1] for name, image in zip(names, self.images.read(names), strict=True)}
+        write_marks(file, frames, sizes)
+        return len(frames)
+
+    def train(self, progress: Progress | None = None) -> TrainedDetector:
+        """Fine-tunes the detector on the finished frames and stores it in the folder ``detector``.
+
+        Args:
+            progress: called with the current step and the share that is done.
+
+        Returns:
+            The folder of the detector, and lines before and after in frames that were left out.
+
+        Raises:
+            InputError: too few frames with a catheter are finished.
+            MissingExtraError: torch is not installed.
+        """
+        frames = self.finished
+        check_enough(frames)
+        images = self.images.read([frame.image for frame in frames])
+        return self._fine_tune([frame.annotation() for frame in frames], images, progress or _silent)
+
+    def serve(
+        self, count: int = DEFAULT_FRAMES, *, host: str = "127.0.0.1", port: int = 0, progress: Progress | None = None
+    ) -> "AnnotationServer":
+        """Chooses frames where there are fewer than ``count``, and starts the page.
+
+        Args:
+            count: number of frames.
+            host: name or address that the page listens on.
+            port: its port; 0: any free port.
+            progress: called with the current step and the share that is done.
+
+        Returns:
+            The running page, a context manager.
+
+        Raises:
+            InputError: an image cannot be read, or nothing can listen there.
+        """
+        from ..annotation import serve_annotation
+
+        report = progress or _silent
+        self._choose(count, report)
+        names = list(self.store.frames)
+        images = self.images.read(names)
+        shapes: list[DetectedShape] = []
+        for name, image in zip(names, images, strict=True):
+            report("detecting the catheter in the chosen frames", len(shapes) / len(names))
+            shapes.append(self._detect(name, image))
+        groups = [self.images.session_of(name) for name in names]
+        session = AnnotationSession(self.store, images, groups, shapes)
+        return serve_annotation(session, self._fine_tune, title=self.path.name, host=host, port=port)
+
+    def _choose(self, count: int, report: Progress) -> None:
+        """Adds frames to the store until it has ``count``."""
+        lost = [name for name in self.store.frames if self.images.resolve(name) != name]
+        if lost:
+            raise InputError(
+                f"{self.store.file}: {lost[0]} is not in {self.path}; the annotations belong to other images: move "
+                "them away to start again"
+            )
+        lacking = count - len(self.store.frames)
+        if lacking <= 0:
+            return
+        candidates: list[Candidate] = []
+        total = min(len(self.images), MAX_CANDIDATES)
+        for candidate in self.images.candidates():
+            report("comparing frames", min(1.0, len(candidates) / total))
+            if candidate.name not in self.store.frames:
+                candidates.append(candidate)
+
+        def uncertainty(pool: Sequence[Candidate]) -> list[float]:
+            found: list[float] = []
+            names = [each.name for each in pool]
+            for name, image in zip(names, self.images.read(names), strict=True):
+                report("detecting the catheter in frames that differ", len(found) / len(pool))
+                found.append(uncertainty_of(self._detect(name, image)))
+            return found
+
+        if candidates:
+            self.store.add(MarkedFrame.empty(name) for name in choose_frames(candidates, lacking, uncertainty))
+
+    def _detect(self, name: str, image: Image) -> DetectedShape:
+        session = self.images.session_of(name)
+        if session not in self._detectors:
+            info = self.images.session_info[session].updated(self._stated)
+            self._detectors[session] = SessionDetector(self._vision, info, self.images.beforehand(session))
+        return self._detectors[session].detect(image)
+
+    def _fine_tune(
+        self, annotations: Sequence[Annotation], images: Sequence[Image], progress: Progress
+    ) -> TrainedDetector:
+        from ._fine_tune_locator import fine_tune_locator  # pyright: ignore
+
+        return fine_tune_locator(  # pyright: ignore
+            annotations, images, self.detector, on_progress=progress
+        )
+
+
+def _silent(step: str, share: float) -> None:
+    del step, share
+
+
+def detector_beside(path: Path, bench: Path | None) -> Path:
+    """Returns the folder for the fine-tuned detector: beside ``bench.toml``, else beside the recording or folder.
+
+    >>> detector_beside(Path("runs/monday.mcap"), Path("lab/bench.toml")).as_posix()
+    'lab/detector'
+    """
+    return (path if bench is None else bench).parent / DETECTOR_FOLDER
