@@ -3,13 +3,12 @@
 import numpy as np
 import numpy.typing as npt
 
+from tipforce.training.locator import LABEL_POINTS
+
 Float = npt.NDArray[np.float64]
 
-POINTS = 65
-"""Points of a curve, evenly spaced in arc length from base to tip."""
 
-
-def curve(rng: np.random.Generator, length: float, points: int = POINTS) -> Float:
+def curve(rng: np.random.Generator, length: float, points: int = LABEL_POINTS) -> Float:
     """A curve (points, 2) that begins at the origin along +x.
 
     The families are an arc, a J (straight, then an arc), a loaded cantilever (curvature falls linearly to the tip), an

@@ -1,22 +1,44 @@
 """Exports a checkpoint of the locator to an ONNX graph, and says how far its outputs are from the network's.
 
-    python -m bench.locator.export CHECKPOINT.pt OUT.onnx
+    python -m bench.locator.export CHECKPOINT.pt OUT.onnx [--eight-bit OUT8.onnx --checks DIR/checks.npz]
 
 CHECKPOINT.pt is bench/locator/checkpoint.pt or the DIR/locator.pt of a training, of which the running mean of the
-weights is exported. Input and outputs of the graph: see ``tipforce.training.locator.export_locator``.
+weights is exported. Input and outputs of the graph: see ``tipforce.training.locator.export_locator``. The graph in 8
+bits is calibrated on drawn windows, and is written only where it finds at most 1 % fewer lines in the windows
+of DIR/checks.npz (``python -m bench.locator.feed``).
 """
 
 import argparse
+import time
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import onnxruntime
 import torch
+from bench.locator import feed
+from bench.locator.train import figures
 
-from tipforce.training.locator import GRAPH_OUTPUTS, PROMPT_CHANNELS, Locator, export_locator, read_checkpoint
+from tipforce.training.locator import (
+    GRAPH_OUTPUTS,
+    PROMPT_CHANNELS,
+    PROMPT_FIELDS,
+    WINDOW_FIELDS,
+    Locator,
+    export_locator,
+    network_input,
+    prompt_channels,
+    quantise_locator,
+    read_checkpoint,
+)
 
 MAX_DEVIATION = 1e-3
 """Largest difference between the outputs of graph and network, in logits."""
+MAX_LOST_LINES = 0.01
+"""Largest share of the lines that the graph in 8 bits may lose."""
+CALIBRATION_WINDOWS = 64
+CALIBRATION_SEED = 1
 
 
 def deviation(graph: bytes, network: Locator) -> float:
@@ -32,12 +54,53 @@ def deviation(graph: bytes, network: Locator) -> float:
     return largest
 
 
+def calibration_inputs(count: int) -> list[npt.NDArray[np.float32]]:
+    """Returns inputs (1, 3 + PROMPT_CHANNELS, WINDOW_PX, WINDOW_PX) of windows, half of them of the presets."""
+    rng = np.random.default_rng(CALIBRATION_SEED)
+    both = feed.scene_windows(rng), feed.preset_windows(rng, CALIBRATION_SEED)
+    windows = [
+        one for source, every in zip(both, (1, 8), strict=True) for one in islice(source, 0, every * count // 2, every)
+    ]
+    return [_inputs({name: getattr(window, name)[None] for name in WINDOW_FIELDS}) for window in windows]
+
+
+def share_of_lines(graph: bytes, checks: Path) -> tuple[float, float]:
+    """Returns the share of lines that ``graph`` finds in the windows of ``checks``, and its median CPU time in ms."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+    with np.load(checks) as held:
+        values = {name: held[name] for name in WINDOW_FIELDS}
+    rows, times_ms = [], []
+    for k in range(len(values["facts"])):
+        one = {name: each[k : k + 1] for name, each in values.items()}
+        image, began = _inputs(one), time.process_time()
+        heat, states, present = (torch.from_numpy(each) for each in session.run(list(GRAPH_OUTPUTS), {"image": image}))
+        times_ms.append(1e3 * (time.process_time() - began))
+        found = figures(
+            (heat, None, None, states, present), {name: torch.from_numpy(each) for name, each in one.items()}
+        )
+        if one["facts"][0, 0] > 0.5:
+            rows.append(float(found["lines"][0]))
+    return float(np.nanmean(rows)), float(np.median(times_ms))
+
+
+def _inputs(batch: dict[str, npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:
+    tensors = {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in batch.items()}
+    channels = prompt_channels(tensors["image"].shape[1:3], *(tensors[name] for name in PROMPT_FIELDS))
+    return network_input(tensors["image"], channels).numpy()
+
+
 def main() -> None:
     """Exports the checkpoint."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--eight-bit", type=Path, help="also write the graph in 8 bits to this file")
+    parser.add_argument("--checks", type=Path, help="windows that judge the graph in 8 bits")
     options = parser.parse_args()
+    if (options.eight_bit is None) != (options.checks is None):
+        parser.error("--eight-bit and --checks belong together")
     network = read_checkpoint(options.checkpoint)
     graph = export_locator(network)
     largest = deviation(graph, network)
@@ -45,6 +108,16 @@ def main() -> None:
         raise SystemExit(f"the graph differs from the network by {largest:.2g}; allowed is {MAX_DEVIATION}")
     options.out.write_bytes(graph)
     print(f"{options.out}: {len(graph) / 1e6:.1f} MB, outputs within {largest:.1g} of the network's")
+    if options.eight_bit:
+        quantised = quantise_locator(graph, calibration_inputs(CALIBRATION_WINDOWS))
+        (single, single_ms), (eight, eight_ms) = (share_of_lines(each, options.checks) for each in (graph, quantised))
+        print(
+            f"single precision: {single:.2%} of the lines, {single_ms:.1f} ms; 8 bits: {eight:.2%}, {eight_ms:.1f} ms"
+        )
+        if not single - eight <= MAX_LOST_LINES:
+            raise SystemExit(f"8 bits lose {single - eight:.2%} of the lines; allowed are {MAX_LOST_LINES:.0%}")
+        options.eight_bit.write_bytes(quantised)
+        print(f"{options.eight_bit}: {len(quantised) / 1e6:.1f} MB")
 
 
 if __name__ == "__main__":

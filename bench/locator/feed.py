@@ -8,9 +8,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from bench.locator import presets, scene
+from bench.locator import scene
 from bench.locator.tubes import Drawer
-from bench.locator.windows import FIELDS, SIZE, shapes, window
+
+from tipforce.pipelines import PRESET_IMAGE_SHARES, PRESET_IMAGES_SEED, preset_images
+from tipforce.training.locator import WINDOW_FIELDS, WINDOW_PX, LabelledImage, random_scene, window, window_shapes
 
 CHUNK = 16
 """Number of windows that a worker passes at a time."""
@@ -25,7 +27,7 @@ Array = np.ndarray[Any, Any]
 def _layout() -> tuple[dict[str, tuple[int, tuple[int, ...], Any]], int]:
     """Offset, shape and type of each field in a slot, and the bytes of a slot."""
     places, at = {}, 0
-    for name, (shape, kind) in shapes().items():
+    for name, (shape, kind) in window_shapes().items():
         full = (CHUNK, *shape)
         places[name] = (at, full, kind)
         at += int(np.prod(full)) * np.dtype(kind).itemsize
@@ -43,38 +45,44 @@ def _views(memory: shared_memory.SharedMemory, slot: int) -> dict[str, Array]:
 def _work(kind: str, seed: int, memory: shared_memory.SharedMemory, free: Any, full: Any) -> None:
     """One worker: draws windows into free slots of the shared memory until it is ended."""
     cv2.setNumThreads(1)
-    rng, drawer = np.random.default_rng([seed, 77]), Drawer(SIZE, SIZE)
-    scenes = (window(scene.draw(rng, drawer, SIZE), rng, 0) for _ in iter(int, 1))
-    windows = _preset_windows(rng, seed) if kind == "presets" else scenes
+    rng = np.random.default_rng([seed, 77])
+    windows = preset_windows(rng, seed) if kind == "presets" else scene_windows(rng)
     while True:
         slot = free.get()
         views = _views(memory, slot)
         for k in range(CHUNK):
             drawn = next(windows)
-            for name in FIELDS:
+            for name in WINDOW_FIELDS:
                 views[name][k] = getattr(drawn, name)
         full.put(slot)
 
 
-def _preset_windows(rng: np.random.Generator, seed: int) -> Iterator[Any]:
+def scene_windows(rng: np.random.Generator) -> Iterator[Any]:
+    """Yields windows of the compositor's scenes."""
+    drawer = Drawer(WINDOW_PX, WINDOW_PX)
+    while True:
+        yield window(scene.draw(rng, drawer, WINDOW_PX), rng, 0)
+
+
+def preset_windows(rng: np.random.Generator, seed: int) -> Iterator[Any]:
     """Yields windows of stored images; one image is replaced after every few windows."""
-    kept: list[presets.Sample] = []
+    kept: list[LabelledImage] = []
     for sample in _preset_images(rng, seed):
         kept.append(sample)
         if len(kept) > _RESERVOIR_IMAGES:
             kept.pop(int(rng.integers(_RESERVOIR_IMAGES)))
         for _ in range(_WINDOWS_PER_IMAGE if len(kept) > _FIRST_IMAGES else 2):
             chosen = kept[int(rng.integers(len(kept)))]
-            yield window(presets.cut(chosen, rng), rng, 2 if chosen.xray else 1)
+            yield window(random_scene(chosen, rng), rng, 2 if chosen.xray else 1)
 
 
-def _preset_images(rng: np.random.Generator, seed: int) -> Iterator[presets.Sample]:
-    names, shares = list(presets.SHARES), np.array(list(presets.SHARES.values()))
+def _preset_images(rng: np.random.Generator, seed: int) -> Iterator[LabelledImage]:
+    names, shares = list(PRESET_IMAGE_SHARES), np.array(list(PRESET_IMAGE_SHARES.values()))
     number = 0
     while True:
         number += 1
         preset = str(rng.choice(names, p=shares / shares.sum()))
-        yield from presets.samples(presets.FIRST_SEED + seed, number, preset)
+        yield from preset_images(PRESET_IMAGES_SEED + seed, number, preset)
 
 
 class Feed:
@@ -118,7 +126,7 @@ class Feed:
                 continue
             parts.append({name: view.copy() for name, view in _views(self._memory, slot).items()})
             self._free.put(slot)
-        return {name: np.concatenate([part[name] for part in parts]) for name in FIELDS}
+        return {name: np.concatenate([part[name] for part in parts]) for name in WINDOW_FIELDS}
 
     def close(self) -> None:
         """Ends the workers."""
@@ -140,7 +148,7 @@ def write_checks(path: Path, count: int, workers: int) -> None:
         halves.append(feed.chunks(max(1, count // 2 // CHUNK)))
         feed.close()
     partial = path.with_suffix(".part.npz")
-    np.savez(partial, **{name: np.concatenate([half[name] for half in halves]) for name in FIELDS})
+    np.savez(partial, **{name: np.concatenate([half[name] for half in halves]) for name in WINDOW_FIELDS})
     partial.replace(path)
 
 

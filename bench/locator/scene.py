@@ -6,39 +6,27 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from bench.locator.curves import POINTS, curve, lead, turned
+from bench.locator.curves import curve, lead, turned
 from bench.locator.ground import clouds, colour, ground, photographs, pixels, uneven_light
-from bench.locator.photometry import finish, photograph
+from bench.locator.photometry import photograph
 from bench.locator.tubes import STATIONS, Drawer, Lights, SceneCanvas, Surface
+
+from tipforce.training.locator import (
+    CATHETER,
+    FRONT,
+    GROUND,
+    HIDDEN,
+    INSTRUMENT,
+    LABEL_POINTS,
+    OUTSIDE,
+    SEEN,
+    SHEATH,
+    Scene,
+    camera_image,
+)
 
 Float = npt.NDArray[np.float64]
 Float32 = npt.NDArray[np.float32]
-
-GROUND, CATHETER, SHEATH, INSTRUMENT, FRONT = range(5)
-"""Kinds of pixels: FRONT is tissue, a rim or another object, not an instrument, in front of the catheter."""
-OUTSIDE, HIDDEN, SEEN = range(3)
-"""States of a point of the line."""
-SIDES = ("left", "right", "top", "bottom")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """A drawn scene.
-
-    ``image`` (h, w, 3) uint8 RGB. ``line`` (POINTS, 2): u, v px of the free catheter, base to tip; ``state`` (POINTS,)
-    of OUTSIDE, HIDDEN, SEEN; ``kind`` (h, w) of the pixels. ``present``: False where there is no catheter; the line is
-    then without meaning. ``decoys``: lines of objects of the same kind, which only a prompt distinguishes. ``side``:
-    index in SIDES of the border that the catheter comes from, -1 where it comes from none.
-    """
-
-    image: npt.NDArray[np.uint8]
-    line: Float
-    state: npt.NDArray[np.uint8]
-    kind: npt.NDArray[np.uint8]
-    present: bool
-    decoys: tuple[Float, ...]
-    side: int
-    diameter_px: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +165,7 @@ def _body(
     root_way = line[0] - line[1]
     back = math.atan2(root_way[1], root_way[0])
     taper = rng.uniform(0.75, 1.05) if rng.random() < 0.25 else 1.0
-    radius = 0.5 * diameter * np.linspace(1.0, taper, POINTS)
+    radius = 0.5 * diameter * np.linspace(1.0, taper, LABEL_POINTS)
     surface = like.surface if like is not None and rng.random() < 0.5 else _catheter_surface(rng, length / diameter)
     at_border = bool((line[0] < 1.0).any() or (line[0] > size - 2.0).any())
     root = lead(rng, line[0], back, 0.4 * size if at_border else max(3.0, 1.5 * diameter), 0.1)
@@ -462,8 +450,5 @@ def _xray(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
         noisy = np.where((np.hypot(u - middle[0], v - middle[1]) < reach)[..., None], noisy, noisy * 0.1)
     if rng.random() < 0.1:
         noisy = 255.0 - noisy
-    own = canvas.own
-    return Scene(
-        finish(np.asarray(noisy, np.float32), rng), line, states(line, own, present), canvas.kind, present, (), side,
-        diameter,
-    )  # fmt: skip
+    image = camera_image(np.asarray(noisy, np.float32), rng)
+    return Scene(image, line, states(line, canvas.own, present), canvas.kind, present, (), side, diameter)

@@ -22,10 +22,11 @@ from typing import Any
 import numpy as np
 import torch
 from bench.locator.feed import CHUNK, Feed
-from bench.locator.windows import FIELDS
 
 from tipforce.training.locator import (
     LINE_POINTS,
+    PROMPT_FIELDS,
+    WINDOW_FIELDS,
     Locator,
     cosine_rate,
     heat_peaks,
@@ -38,7 +39,6 @@ from tipforce.training.locator import (
 RATE = 2e-3
 ENCODER_RATE = 0.4
 """Share of the learning rate that the pretrained encoder is given."""
-PROMPT_FIELDS = ("base", "region", "side", "tip", "clicks", "track", "sizes")
 
 
 class Trainee:
@@ -236,7 +236,9 @@ def _evaluate(trainees: list[Trainee], options: argparse.Namespace, began: float
     if not checks.exists():
         return
     with np.load(checks) as held:
-        values = {name: torch.from_numpy(held[name]).to(next(trainees[0].mean.parameters()).device) for name in FIELDS}
+        values = {
+            name: torch.from_numpy(held[name]).to(next(trainees[0].mean.parameters()).device) for name in WINDOW_FIELDS
+        }
     batches = [{name: each[k : k + 128] for name, each in values.items()} for k in range(0, len(values["facts"]), 128)]
     for trainee in trainees:
         row = {"network": trainee.name, "windows": trainee.windows, "seconds": round(time.time() - began)}

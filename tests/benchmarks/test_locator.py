@@ -4,20 +4,34 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench.locator import scene
-from bench.locator.curves import POINTS as LABEL_POINTS
-from bench.locator.curves import curve
-from bench.locator.tubes import Drawer
-from bench.locator.windows import CELLS, FIELDS, SIZE, shapes, window
+
+torch = pytest.importorskip("torch")
+
+from bench.locator import scene  # noqa: E402
+from bench.locator.curves import curve  # noqa: E402
+from bench.locator.tubes import Drawer  # noqa: E402
+
+from tipforce.training.locator import (  # noqa: E402
+    CATHETER,
+    CELLS,
+    LABEL_POINTS,
+    OUTSIDE,
+    PROMPT_FIELDS,
+    SEEN,
+    WINDOW_FIELDS,
+    WINDOW_PX,
+    Scene,
+    window,
+    window_shapes,
+)
 
 ROOT = Path(__file__).parents[2]
-torch = pytest.importorskip("torch")
 
 
 @pytest.fixture(scope="module")
-def scenes() -> list[scene.Scene]:
-    rng, drawer = np.random.default_rng(3), Drawer(SIZE, SIZE)
-    return [scene.draw(rng, drawer, SIZE) for _ in range(24)]
+def scenes() -> list[Scene]:
+    rng, drawer = np.random.default_rng(3), Drawer(WINDOW_PX, WINDOW_PX)
+    return [scene.draw(rng, drawer, WINDOW_PX) for _ in range(24)]
 
 
 def test_a_curve_is_uniform_in_arc_length_and_begins_along_x():
@@ -32,8 +46,8 @@ def test_a_curve_is_uniform_in_arc_length_and_begins_along_x():
 def test_seen_points_lie_on_pixels_of_the_catheter(scenes):
     on, seen = 0, 0
     for one in scenes:
-        at = np.clip(np.rint(one.line).astype(int), 0, SIZE - 1)[one.state == scene.SEEN]
-        on += int((one.kind[at[:, 1], at[:, 0]] == scene.CATHETER).sum())
+        at = np.clip(np.rint(one.line).astype(int), 0, WINDOW_PX - 1)[one.state == SEEN]
+        on += int((one.kind[at[:, 1], at[:, 0]] == CATHETER).sum())
         seen += len(at)
     assert seen > 500
     assert on > 0.95 * seen
@@ -41,13 +55,13 @@ def test_seen_points_lie_on_pixels_of_the_catheter(scenes):
 
 def test_points_outside_of_the_image_are_said_to_be_outside(scenes):
     for one in scenes:
-        beyond = ((one.line < -0.5) | (one.line > SIZE - 0.5)).any(axis=1)
-        assert (one.state[beyond] == scene.OUTSIDE).all()
-        assert one.present or (one.state == scene.OUTSIDE).all()
+        beyond = ((one.line < -0.5) | (one.line > WINDOW_PX - 0.5)).any(axis=1)
+        assert (one.state[beyond] == OUTSIDE).all()
+        assert one.present or (one.state == OUTSIDE).all()
 
 
 def test_the_same_seed_draws_the_same_scene():
-    first, second = (scene.draw(np.random.default_rng(8), Drawer(SIZE, SIZE), SIZE) for _ in range(2))
+    first, second = (scene.draw(np.random.default_rng(8), Drawer(WINDOW_PX, WINDOW_PX), WINDOW_PX) for _ in range(2))
     assert (first.image == second.image).all()
     assert (first.line == second.line).all()
 
@@ -63,7 +77,7 @@ def test_where_there_are_decoys_a_prompt_decides(scenes):
 
 def test_a_window_has_the_shapes_that_the_feed_expects(scenes):
     drawn = window(scenes[0], np.random.default_rng(0))
-    for name, (shape, kind) in shapes().items():
+    for name, (shape, kind) in window_shapes().items():
         assert getattr(drawn, name).shape == shape
         assert getattr(drawn, name).dtype == kind
 
@@ -71,7 +85,7 @@ def test_a_window_has_the_shapes_that_the_feed_expects(scenes):
 def _batch(scenes):
     rng = np.random.default_rng(1)
     drawn = [window(one, rng) for one in scenes[:2]]
-    return {name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in FIELDS}
+    return {name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in WINDOW_FIELDS}
 
 
 def test_a_prompt_that_is_not_stated_leaves_its_channel_empty():
@@ -99,7 +113,7 @@ def test_the_loss_is_least_for_heat_at_the_true_points(scenes):
         locator_loss,
     )
 
-    one = next(s for s in scenes if s.present and (s.state == scene.SEEN).all())
+    one = next(s for s in scenes if s.present and (s.state == SEEN).all())
     batch = _batch([one, one])
     pick = np.round(np.linspace(0, LABEL_POINTS - 1, LINE_POINTS)).astype(int)
     heat = torch.empty(2, LINE_POINTS, CELLS, CELLS)
@@ -117,15 +131,15 @@ def test_the_loss_is_least_for_heat_at_the_true_points(scenes):
 
 
 def test_the_checkpoint_of_the_repository_finds_the_catheter_in_most_scenes(scenes):
-    from bench.locator.train import PROMPT_FIELDS, figures
+    from bench.locator.train import figures
 
     from tipforce.training.locator import heat_peaks, network_input, prompt_channels, read_checkpoint
 
     network = read_checkpoint(ROOT / "bench/locator/checkpoint.pt")
     rng = np.random.default_rng(5)
     drawn = [window(one, rng) for one in scenes if one.present][:12]
-    batch = {name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in FIELDS}
-    planes = prompt_channels((SIZE, SIZE), *(batch[name] for name in PROMPT_FIELDS))
+    batch = {name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in WINDOW_FIELDS}
+    planes = prompt_channels((WINDOW_PX, WINDOW_PX), *(batch[name] for name in PROMPT_FIELDS))
     with torch.inference_mode():
         found = network(network_input(batch["image"], planes))
     assert heat_peaks(found.heat)[0].shape == (12, 16, 2)

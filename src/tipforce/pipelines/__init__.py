@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ._live import LiveRunSettings, live, live_line, open_live_source
     from ._live_control import HoldSettings, LiveControl
     from ._live_page import LivePage, PageAddress
+    from ._locator_images import PRESET_IMAGE_SHARES, PRESET_IMAGES_SEED, preset_images
     from ._record import RecordingReport, record
     from ._record_bench import BenchRecording, describe_health
     from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COLUMNS",
+    "PRESET_IMAGES_SEED",
+    "PRESET_IMAGE_SHARES",
     "REGIMES",
     "AnnotateSettings",
     "AnnotationJob",
@@ -80,6 +83,7 @@ __all__ = [
     "plot_calibration",
     "plot_control",
     "plot_summary",
+    "preset_images",
     "preset_settings",
     "record",
     "run_control",
@@ -163,6 +167,7 @@ __getattr__, __dir__ = _loaded_on_use(
             "LivePage",
             "PageAddress",
         ),
+        "_locator_images": ("PRESET_IMAGE_SHARES", "PRESET_IMAGES_SEED", "preset_images"),
         "_record": (
             "RecordingReport",
             "record",

@@ -4,7 +4,9 @@ The bytes of the image enter the first convolution directly, without a conversio
 """
 
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -48,40 +50,75 @@ def quantise(graph: bytes, batches: Iterable[_Inputs]) -> bytes:
     Raises:
         MissingExtraError: onnx is not installed.
     """
-    import onnxruntime
-
-    onnx, tool = import_extra("onnx", "train"), import_extra("onnxruntime.quantization", "train")
-    model = onnx.load_from_string(graph)
-    metadata = {each.key: each.value for each in model.metadata_props}
-    to_single_precision(model)
-    with tempfile.TemporaryDirectory(prefix="tipforce-") as folder:
-        fused, quantised = Path(folder) / "fused.onnx", Path(folder) / "quantised.onnx"
-        options = onnxruntime.SessionOptions()
-        options.graph_optimization_level = (
-            onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
-        )  # folds batch normalisation
-        options.optimized_model_filepath = str(fused)
-        onnxruntime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
-        model = onnx.load(str(fused))
-        group_pixels(onnx, model)
-        _drop_unused(model.graph)
-        onnx.helper.set_model_props(model, _PREPROCESSED)
-        tool.quantize_static(
-            model,
-            str(quantised),
-            _calibration_reader(tool, batches),
-            quant_format=tool.QuantFormat.QDQ,
-            activation_type=tool.QuantType.QUInt8,
-            weight_type=tool.QuantType.QInt8,
-            per_channel=True,
-            nodes_to_exclude=_not_quantised(onnx, model.graph),
-        )
-        model = onnx.load(str(quantised))
+    onnx = import_extra("onnx", "train")
+    model = fold_batch_norms(graph)
+    metadata = {each.key: each.value for each in onnx.load_from_string(graph).metadata_props}
+    group_pixels(onnx, model)
+    model = quantise_nodes(model, batches, _not_quantised(onnx, model.graph))
     _feed_bytes(onnx, model)
     _drop_unused(model.graph)
     onnx.helper.set_model_props(model, metadata)
     onnx.checker.check_model(model)
     return model.SerializeToString()
+
+
+def fold_batch_norms(graph: bytes) -> Any:
+    """Returns the ONNX model of a graph in single precision, its batch normalisation folded into the kernels.
+
+    Raises:
+        MissingExtraError: onnx is not installed.
+    """
+    import onnxruntime
+
+    onnx = import_extra("onnx", "train")
+    model = onnx.load_from_string(graph)
+    to_single_precision(model)
+    with tempfile.TemporaryDirectory(prefix="tipforce-") as folder:
+        path = Path(folder) / "folded.onnx"
+        options = onnxruntime.SessionOptions()
+        options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
+        options.optimized_model_filepath = str(path)
+        onnxruntime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
+        return onnx.load(str(path))
+
+
+def quantise_nodes(
+    model: Any,
+    batches: Iterable[_Inputs],
+    excluded: list[str],
+    *,
+    kinds: Sequence[str] | None = None,
+    cut_outliers: bool = False,
+) -> Any:
+    """Returns ``model`` with its nodes in 8 bits: activations unsigned, kernels signed with a scale for each channel.
+
+    Args:
+        model: a model of `fold_batch_norms`; its metadata are replaced.
+        batches: calibration batches.
+        excluded: names of the nodes that stay in single precision.
+        kinds: operators that are quantised; all that can be by default.
+        cut_outliers: whether the range of an activation leaves out its largest 0.001 %; otherwise it holds all values.
+    """
+    onnx, tool = import_extra("onnx", "train"), import_extra("onnxruntime.quantization", "train")
+    _drop_unused(model.graph)
+    onnx.helper.set_model_props(model, _PREPROCESSED)
+    methods = tool.CalibrationMethod
+    with tempfile.TemporaryDirectory(prefix="tipforce-") as folder:
+        path = Path(folder) / "quantised.onnx"
+        with redirect_stdout(StringIO()) if cut_outliers else nullcontext():  # that method prints its progress
+            tool.quantize_static(
+                model,
+                str(path),
+                _calibration_reader(tool, batches),
+                quant_format=tool.QuantFormat.QDQ,
+                op_types_to_quantize=kinds,
+                activation_type=tool.QuantType.QUInt8,
+                weight_type=tool.QuantType.QInt8,
+                per_channel=True,
+                nodes_to_exclude=excluded,
+                calibrate_method=methods.Percentile if cut_outliers else methods.MinMax,
+            )
+        return onnx.load(str(path))
 
 
 def error_growth(graph: bytes, quantised: bytes, labelled: Iterable[tuple[_Inputs, npt.NDArray[Any]]]) -> float:

@@ -1,7 +1,24 @@
 """Training of the locator, the network that finds the catheter in any image; it needs torch when it is imported."""
 
-from ._export import GRAPH_OUTPUTS, export_locator, locator_from_graph
+from ._camera import camera_image, motion_blur
+from ._export import GRAPH_OUTPUTS, export_locator, locator_from_graph, quantise_locator
 from ._inputs import NOMINAL_DIAMETER_PX, NOMINAL_LENGTH_PX, PROMPT_CHANNELS, network_input, prompt_channels
+from ._labels import (
+    CATHETER,
+    FRONT,
+    GROUND,
+    HIDDEN,
+    INSTRUMENT,
+    LABEL_POINTS,
+    OUTSIDE,
+    SEEN,
+    SHEATH,
+    SIDES,
+    LabelledImage,
+    Scene,
+    border_behind,
+    labelled_line,
+)
 from ._loss import HEATMAP_SIGMA_CELLS, cosine_rate, linear_rate, locator_loss
 from ._network import (
     LINE_POINTS,
@@ -15,28 +32,63 @@ from ._network import (
     heat_peaks,
     read_checkpoint,
 )
+from ._windows import (
+    CELLS,
+    PROMPT_FIELDS,
+    WINDOW_FIELDS,
+    WINDOW_PX,
+    Window,
+    random_scene,
+    window,
+    window_shapes,
+)
 
 __all__ = [
+    "CATHETER",
+    "CELLS",
+    "FRONT",
     "GRAPH_OUTPUTS",
+    "GROUND",
     "HEATMAP_SIGMA_CELLS",
+    "HIDDEN",
+    "INSTRUMENT",
+    "LABEL_POINTS",
     "LINE_POINTS",
     "NOMINAL_DIAMETER_PX",
     "NOMINAL_LENGTH_PX",
     "OBJECT_KINDS",
+    "OUTSIDE",
     "POINT_STATES",
     "PROMPT_CHANNELS",
+    "PROMPT_FIELDS",
+    "SEEN",
+    "SHEATH",
+    "SIDES",
     "SIZE_MULTIPLE_PX",
     "STRIDE_PX",
+    "WINDOW_FIELDS",
+    "WINDOW_PX",
     "Encoder",
+    "LabelledImage",
     "Locator",
     "LocatorOutputs",
+    "Scene",
+    "Window",
+    "border_behind",
+    "camera_image",
     "cosine_rate",
     "export_locator",
     "heat_peaks",
+    "labelled_line",
     "linear_rate",
     "locator_from_graph",
     "locator_loss",
+    "motion_blur",
     "network_input",
     "prompt_channels",
+    "quantise_locator",
+    "random_scene",
     "read_checkpoint",
+    "window",
+    "window_shapes",
 ]

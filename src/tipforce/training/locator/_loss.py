@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from ._labels import CATHETER, HIDDEN, OUTSIDE, UNLABELLED
 from ._network import LINE_POINTS, OBJECT_KINDS, STRIDE_PX, LocatorOutputs
 
 HEATMAP_SIGMA_CELLS = 0.7
@@ -16,8 +17,6 @@ LOSS_WEIGHTS = {
     "heat": 1.0, "kinds": 1.5, "arc": 2.0, "direction": 0.5, "offset": 0.3, "states": 0.5, "present": 0.3,
 }  # fmt: skip
 WARMUP_STEPS = 500
-_OUTSIDE, _HIDDEN = 0, 1
-_CATHETER = 1
 
 
 def locator_loss(
@@ -29,7 +28,7 @@ def locator_loss(
         outputs: result of the network.
         line_px: (b, n, 2) u, v px of the true line, evenly spaced in arc length from base to tip.
         state: (b, n) states of its points: 0 outside, 1 hidden, 2 seen.
-        kind: (b, h / 4, w / 4) kinds of the cells; 255: it is not the catheter, and nothing else is known.
+        kind: (b, h / 4, w / 4) kinds of the cells; NOT_CATHETER or UNLABELLED.
         facts: (b, 4): whether a catheter is present, then its diameter in px; the rest is not used.
 
     Returns:
@@ -38,13 +37,13 @@ def locator_loss(
     heat, kinds, dense, states, present = (value.float() for value in outputs)
     is_present = facts[:, 0] > 0.5
     index = torch.linspace(0, line_px.shape[1] - 1, LINE_POINTS, device=line_px.device).round().long()
-    true_state = torch.where(is_present[:, None], state[:, index].long(), _OUTSIDE)
+    true_state = torch.where(is_present[:, None], state[:, index].long(), OUTSIDE)
     parts = {"heat": _heat_loss(heat, line_px[:, index], true_state, is_present)}
     log_kinds = F.log_softmax(kinds, 1)
     known = kind < OBJECT_KINDS
     named = F.nll_loss(log_kinds, torch.where(known, kind, 0).long(), reduction="none")
-    not_catheter = -torch.log1p(-log_kinds[:, _CATHETER].exp().clamp(max=0.9999))
-    parts["kinds"] = torch.where(known, named, not_catheter).mean()
+    not_catheter = -torch.log1p(-log_kinds[:, CATHETER].exp().clamp(max=0.9999))
+    parts["kinds"] = (torch.where(known, named, not_catheter) * (kind != UNLABELLED)).mean()
     parts |= _dense_losses(dense, line_px, facts[:, 1], is_present)
     parts["states"] = F.cross_entropy(states.flatten(0, 1), true_state.flatten())
     parts["present"] = F.binary_cross_entropy_with_logits(present, is_present.float())
@@ -61,11 +60,11 @@ def _heat_loss(heat: Tensor, points_px: Tensor, state: Tensor, is_present: Tenso
     down = torch.exp(-0.5 * ((v - cell[..., 1:2]) / HEATMAP_SIGMA_CELLS) ** 2)
     target = (down[..., :, None] * across[..., None, :]).flatten(2)
     inside = ((cell > -0.5) & (cell < torch.tensor([w - 0.5, h - 0.5], device=heat.device))).all(-1)
-    inside &= is_present[:, None] & (state != _OUTSIDE)
+    inside &= is_present[:, None] & (state != OUTSIDE)
     target = target / target.sum(-1, keepdim=True).clamp_min(1e-6) * inside[..., None]
     target = torch.cat([target, (~inside)[..., None].float()], -1)
     logits = torch.cat([heat.flatten(2), heat.new_zeros(b, LINE_POINTS, 1)], -1)
-    weight = torch.where(state == _HIDDEN, HIDDEN_POINT_WEIGHT, 1.0)
+    weight = torch.where(state == HIDDEN, HIDDEN_POINT_WEIGHT, 1.0)
     return (-(target * F.log_softmax(logits, -1)).sum(-1) * weight).mean()
 
 
