@@ -2,6 +2,7 @@
 
 import math
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from ...types import Image
 
 Float32 = npt.NDArray[np.float32]
+GreyLevels = npt.NDArray[np.floating[Any]]
 
 NOISE_BANK_PX = 1024
 """Side of the image of noise that windows are taken from."""
@@ -44,7 +46,7 @@ def motion_blur(image: Float32, rng: np.random.Generator, longest_px: float) -> 
     return np.asarray(cv2.filter2D(image, -1, kernel / max(float(kernel.sum()), 1e-6)), np.float32)
 
 
-def camera_image(image: Float32, rng: np.random.Generator) -> Image:
+def camera_image(image: GreyLevels, rng: np.random.Generator) -> Image:
     """Returns an image with random colour processing, noise, sharpening and compression.
 
     Args:
@@ -57,7 +59,7 @@ def camera_image(image: Float32, rng: np.random.Generator) -> Image:
     elif rng.random() < 0.25:
         grey = image.mean(axis=2, keepdims=True)
         image = grey + (image - grey) * rng.uniform(0.2, 1.6)
-    strength = np.float32(rng.choice([0.5, 2.0, 5.0, 10.0]) * rng.uniform(0.5, 1.5))
+    strength = rng.choice([0.5, 2.0, 5.0, 10.0]) * rng.uniform(0.5, 1.5)
     grain = _noise(rng, height, width)
     if rng.random() < 0.5:
         grain = np.asarray(cv2.GaussianBlur(grain, (3, 3), 0), np.float32) * 2.0
