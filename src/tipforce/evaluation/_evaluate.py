@@ -250,7 +250,7 @@ def _run_protocols(
     reasons: dict[str, InputError] = {}
 
     def left_out(protocol: str, error: InputError) -> None:
-        """Protocols that were not asked for by name are passed over where these data do not allow them."""
+        """Raises the error of a protocol that was requested by name; another one is left out with a note."""
         if settings.protocols is not None:
             raise error
         reasons[protocol] = error

@@ -121,6 +121,6 @@ def _saved(folder: str) -> Method:
 
 
 def _identifiers(part: Mapping[str, Any]) -> frozenset[str]:
-    """Fingerprints of the sessions of a manifest's ``part``; the names of those of which none is kept."""
+    """Returns the fingerprints of the sessions of a manifest's ``part``; the names of those without one."""
     fingerprints: Mapping[str, str] = part.get("session_fingerprints", {})
     return frozenset(fingerprints.get(name, name) for name in part.get("sessions", ()))

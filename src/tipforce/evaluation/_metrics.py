@@ -149,8 +149,8 @@ def score(
         ``by_session``, ``by_force`` and, where there are both, ``by_contact``: the main metrics of each group;
         ``coverage_by_force`` and, with ``contact_angle_deg``, ``coverage_by_contact_angle`` of the samples in contact
         (see `coverage_by_stratum`); ``trust``: see `trust_metrics`. With ``fallback_n`` also ``mae_filled_n`` and
-        ``mae_filled_g``: the error had the constant predictor answered where the method abstained, so abstaining from
-        hard frames cannot lower it.
+        ``mae_filled_g``: the error if the constant predictor estimated where the method abstained, so that abstaining
+        from hard frames cannot lower it.
     """
     count, valid = len(predictions), predictions.valid
     reasons = Counter(predictions.status[~valid].tolist())

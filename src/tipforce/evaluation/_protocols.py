@@ -372,7 +372,7 @@ def fine_tuning_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:
 
 
 def _seen(method: Method, data: ScoredData) -> list[str]:
-    """Sessions of the scored data that the saved model was trained on."""
+    """Returns the sessions of the scored data that the saved model was trained on."""
     if method.trained_fingerprint == data.everything.fingerprint():
         return list(data.dataset.sessions)
     return _trained_on(method, data.dataset)

@@ -118,7 +118,7 @@ class ControlRun:
 
     @property
     def time_s(self) -> FloatArray:
-        """(n,) of each tick."""
+        """(n,) time of each tick in s."""
         return np.array([tick.time_s for tick in self.ticks])
 
     @property
@@ -189,7 +189,7 @@ class _Feedback:
         """Takes an event of the source."""
 
     def due(self, now_ns: int) -> Iterator[ForceEstimate]:
-        """Estimates that are ready by now."""
+        """Yields the estimates that are ready by now."""
         while self._waiting and self._waiting[0][0] <= now_ns:
             yield self._waiting.popleft()[1]
 

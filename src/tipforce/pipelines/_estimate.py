@@ -370,7 +370,7 @@ def _clinical_row(state: ClinicalState) -> list[str]:
 
 
 def _clinical_lines(state: ClinicalState, settings: ContactSettings) -> list[str]:
-    """Times and integral in words."""
+    """Returns times and integral in words."""
     low, high = settings.window_n
     window, limit = _of_known(state.window, state), _of_known(state.limit, state)
     ends = state.integral_interval_g_s

@@ -69,11 +69,11 @@ def evaluate(
     executor: Executor | ExecutorName = "local",
     progress: Progress | None = None,
 ) -> EvaluateReport:
-    """Judges methods on held-out data and writes a report.
+    """Evaluates methods on held-out data and writes a report.
 
     A method is trained anew for every split; a saved model is also scored as it is, on sessions that it never saw.
-    Trained models are kept in OUTPUT.evaluating until the report is written: an evaluation that was cut off goes on
-    from there when it is asked for again in the same way.
+    Trained models are kept in OUTPUT.evaluating until the report is written: an interrupted evaluation continues from
+    there when it is run again in the same way.
 
     Args:
         models: folders of saved models, ``pretrained/NAME``, or names of methods.
@@ -169,7 +169,7 @@ def thesis_settings(name: str) -> Mapping[str, Any]:
 
 
 def _truths(folder: Path) -> dict[str, tuple[IntArray, FloatArray]]:
-    """Stamps (n,) and true forces (n, 3) by session, of all that simulate wrote under ``folder``."""
+    """Returns stamps (n,) and true forces (n, 3) by session, of all simulated sessions under ``folder``."""
     found: dict[str, tuple[IntArray, FloatArray]] = {}
     for path in sorted(folder.rglob("*.truth.npz")):
         truth = read_truth(path)  # of which little is kept: a set at scale has thousands

@@ -46,7 +46,11 @@ class _Marks:
     goal: Mapping[str, float] | None
 
     def path(self) -> Path | None:
-        """Raises InputError where the two are one place, or name other axes."""
+        """Returns the path; None where start or goal is missing.
+
+        Raises:
+            InputError: both are at one position, or differ in their axes.
+        """
         return None if self.start is None or self.goal is None else Path(self.start, self.goal)
 
 
@@ -129,7 +133,7 @@ class LiveControl:
         self._status = LoopStatus(target_n=settings.target_n, limit_n=settings.safety.limit_n)
 
     def take(self, update: LiveUpdate) -> None:
-        """Gives an estimate, valid or not, to the loop; of `sink`."""
+        """Gives an estimate of `sink`, valid or not, to the loop."""
         self._latest = update
         loop = self._loop
         if loop is not None:
@@ -256,7 +260,7 @@ class LiveControl:
 
     @property
     def status(self) -> LoopStatus:
-        """As it was at the last tick; the force as it is now, also while the drives do not answer and no tick ends."""
+        """State at the last tick; its force is the present one, also while the drives do not answer."""
         latest, status = self._latest, self._status
         if latest is None:
             return status
@@ -270,12 +274,12 @@ class LiveControl:
 
     @property
     def runs(self) -> Sequence[LoopRun]:
-        """The runs so far, in order; the newest may still be on its way."""
+        """The runs in order; the newest may still be in progress."""
         return tuple(self._runs)
 
     @property
     def running(self) -> bool:
-        """Whether the drives are commanded, or will be without anybody's word."""
+        """Whether the drives are commanded now, or will be without a further command."""
         loop = self._loop
         return loop is not None and not self._stopped and (loop.resumes or loop.state is not ControlState.IDLE)
 
@@ -354,7 +358,7 @@ class LiveControl:
         self._brake()
 
     def _brake(self) -> None:
-        """Waits for no lock but that of a command that is being sent."""
+        """Brakes; it waits for no lock but that of a command that is being sent."""
         self._stopped = True
         loop = self._loop
         if loop is None:

@@ -71,7 +71,7 @@ class LivePage:
 
         Args:
             engine: the engine that will run; the page becomes one of its sinks.
-            clock: the engine's.
+            clock: the engine's clock.
             control: a loop that holds a force, or None.
         """
         from ..live.server import PageSettings

@@ -453,7 +453,7 @@ class _Run:
 
     @property
     def stage(self) -> StageMotion:
-        """How the stage moved, as far as it said so."""
+        """Motion of the stage, where it has readings."""
         return StageMotion.of(self._stage)
 
 
@@ -483,7 +483,7 @@ class _RunDetector:
             self.finish()
 
     def finish(self) -> None:
-        """Detects the catheter in the first frames, however few there are."""
+        """Detects the catheter in the first frames, even if there are few."""
         head, self._head = self._head, None
         if head is None:
             return

@@ -44,10 +44,10 @@ class StageMotion:
         self._axes = (STAGE_FORWARD, STAGE_ACROSS) if config.lateral_share > 0.0 else (STAGE_FORWARD,)
 
     def course(self, time_s: float) -> dict[str, float]:
-        """Returns where each axis is in mm, ``time_s`` after the motion began; it grows from rest, away from the tip.
+        """Returns the position of each axis in mm; the motion grows from rest, away from the tip.
 
         Args:
-            time_s: since the motion began.
+            time_s: time since the motion began.
         """
         share = min(1.0, time_s / _RAMP_S)
         share = share * share * (3.0 - 2.0 * share)
@@ -76,7 +76,7 @@ class StageMotion:
         return found
 
     def check(self, limits: Mapping[str, AxisLimits]) -> None:
-        """Holds the motion against the limits of the axes.
+        """Checks the motion against the limits of the axes.
 
         Raises:
             InputError: an axis is missing, or cannot do it; the message names the line of ``bench.toml``.
@@ -101,12 +101,12 @@ class StageMotion:
             raise InputError(f"hardware.stage.motion {found}; lower its amplitude_mm or rate_hz, or move its middle_mm")
 
     def begin(self, stage: GrblActuators, timeout_s: float, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Moves the stage to where the motion begins, waits until it is there, and has the motion start after its rest.
+        """Moves the stage to the beginning of the motion, waits for it, and starts the motion after its rest.
 
         Args:
-            stage: connected.
-            timeout_s: longest wait.
-            stopped: asked while it waits; True gives up, nothing is started.
+            stage: the connected stage.
+            timeout_s: longest wait in s.
+            stopped: called during the wait; True ends it, and nothing is started.
 
         Raises:
             InputError: see `check`.

@@ -89,7 +89,7 @@ def _plain(value: Any) -> Any:
 
 
 def summarise_recording(path: Path | str) -> RecordingSummary:
-    """Streams, rates, drops, offset, tare and ranges of the recording at ``path``. Raises FileFormatError."""
+    """Returns streams, rates, drops, offset, tare and ranges of a recording. Raises FileFormatError."""
     with RecordingReader(path) as reader:
         info = reader.info
         streams = [stream for stream in info.streams.values() if stream.count]

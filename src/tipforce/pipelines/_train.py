@@ -158,7 +158,7 @@ def _train_here(asked: _Asked, progress: Progress | None) -> tuple[Estimator, Ma
 
 
 def _train_there(asked: _Asked, item: int, step: Callable[[], None]) -> tuple[Mapping[str, Any], tuple[str, ...]]:
-    """Runs on a node; it goes on from the checkpoint of a node that was lost."""
+    """Trains on a node; it continues from the checkpoint of a node that was lost."""
     del item
     taken = 0
 

@@ -116,7 +116,7 @@ def _host_name(host: str) -> str | None:
 
 
 def _security_headers(host: str) -> list[tuple[bytes, bytes]]:
-    """Headers that forbid foreign content, inline scripts and frames; ``host`` is left out if it is not valid."""
+    """Returns headers that forbid foreign content, inline scripts and frames; ``host`` is left out if not valid."""
     # Older Safari does not count a socket to the same host as "self".
     sockets = f" ws://{host} wss://{host}" if _host_name(host) else ""
     policy = (

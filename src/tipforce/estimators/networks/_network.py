@@ -590,6 +590,6 @@ def _no_progress(what: str, share: float) -> None:
 
 
 def _no_interval(known: BoolArray) -> Interval:
-    """Intervals that exclude nothing, until some are measured."""
+    """Returns intervals that exclude nothing, until some are measured."""
     half_n = np.where(known, np.inf, np.nan)
     return Interval(half_n, math.inf, np.full((3, 3), np.nan), False, "nothing: no sample was held out", 0, 0)

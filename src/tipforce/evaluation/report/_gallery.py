@@ -70,7 +70,7 @@ def worst_frames(evaluation: Evaluation, method: str, worst: int = 8, abstained:
 
 
 def _worst(predictions: Predictions, count: int) -> IntArray:
-    """Indices of the largest errors, none within a second of a larger one: neighbours would show the same."""
+    """Returns indices of the largest errors, none within a second of a larger one: neighbours would show the same."""
     error = np.abs(predictions.magnitude_n - predictions.reference_magnitude_n)
     chosen: list[int] = []
     for index in np.argsort(-error, kind="stable")[: int(predictions.valid.sum())].tolist():
@@ -117,7 +117,7 @@ def _photo(image: Image) -> str:
 
 
 def _session_curves(session: Dataset, most: int = 60) -> list[FloatArray]:
-    """Curves of up to ``most`` other samples of the session, to see this one against."""
+    """Returns the curves of up to ``most`` other samples of the session, for comparison."""
     some = np.unique(np.linspace(0, len(session) - 1, min(most, len(session))).round().astype(int))
     curves: list[FloatArray] = []
     for observation in session.subset(some).observations():

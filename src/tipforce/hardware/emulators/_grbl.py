@@ -58,7 +58,7 @@ class GrblEmulator(PtyDevice):
         self._last_s = time.monotonic()
 
     def trigger_limit(self) -> None:
-        """Hits a limit switch: GRBL stops immediately and is locked."""
+        """Triggers a limit switch: GRBL stops immediately and is locked."""
         self._alarm(1)
 
     def _alarm(self, number: int) -> None:
