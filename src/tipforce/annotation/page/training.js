@@ -23,7 +23,8 @@ export class Training {
   update() {
     const lacking = this.minimum - this.frames.withCatheter;
     const running = this.last === "running";
-    element("train").disabled = lacking > 0 || running;
+    element("train").disabled = lacking > 0;
+    element("train").hidden = running;
     element("train-note").textContent = lacking > 0
       ? `finish ${lacking} more ${lacking === 1 ? "frame" : "frames"} with a catheter`
       : this.frames.withCatheter < 8 ? "works; 8 frames are better" : "about 3 minutes";
