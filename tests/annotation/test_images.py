@@ -7,7 +7,7 @@ import pytest
 
 from tipforce.annotation import AnnotationImages
 from tipforce.errors import FileFormatError, InputError
-from tipforce.io import RecordingWriter, write_video
+from tipforce.io import RecordingWriter, save_image, write_video
 from tipforce.types import Frame, SessionInfo
 
 from .conftest import bends, draw  # type: ignore[import-not-found]
@@ -79,6 +79,17 @@ def test_frames_of_several_recordings_carry_their_file(tmp_path: Path) -> None:
 def test_candidates_of_long_recordings_are_spread(images: AnnotationImages, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tipforce.annotation._images.MAX_CANDIDATES", 5)
     assert [each.name for each in images.candidates()] == [f"img{k:03d}.png" for k in (0, 3, 6, 9, 12)]
+
+
+def test_images_in_sub_folders_are_found_and_sorted_by_number(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    for k in (10, 9, 2):
+        save_image(tmp_path / "images" / f"{k}.png", draw(bends()[k]))
+    images = AnnotationImages(tmp_path)
+    assert images.examples == ["images/2.png", "images/9.png", "images/10.png"]
+    assert images.resolve("9.png") == "images/9.png"
+    assert np.array_equal(images.read(["images/10.png"])[0], draw(bends()[10]))
+    assert len(images.beforehand(0)) == 3
 
 
 def test_a_view_that_is_not_there_is_named(tmp_path: Path) -> None:

@@ -4,12 +4,24 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Protocol
 
 import cv2
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..io import FileSource, RecordingReader, frame_count, images_beforehand, open_source
+from ..io import (
+    FileSource,
+    RecordingReader,
+    StreamDepth,
+    frame_count,
+    images_beforehand,
+    is_bag,
+    is_image,
+    open_source,
+    read_image,
+    spread_rows,
+)
 from ..types import FloatArray, Frame, Image, SessionInfo, Source
 
 THUMBNAIL_PX = (32, 24)
@@ -35,6 +47,21 @@ class Candidate:
     thumbnail: FloatArray
 
 
+class _Session(Protocol):
+    """The images of one session."""
+
+    names: list[str]
+    info: SessionInfo
+
+    def read(self, indices: Sequence[int]) -> Iterator[Image]:
+        """Yields the images at increasing indices."""
+        ...
+
+    def beforehand(self) -> list[Image]:
+        """Returns images on which the detection is resolved."""
+        ...
+
+
 class AnnotationImages:
     """Reads single images of a recording, a video, a folder of images, or a folder of recordings.
 
@@ -48,21 +75,21 @@ class AnnotationImages:
 
     Raises:
         FileFormatError: there is no such file, or no image in it.
+        InputError: a recording has no such view.
     """
 
     def __init__(self, path: Path, view: str = "camera", stated: SessionInfo | None = None) -> None:
-        self.path, self.view, self._stated = path, view, stated
+        self.path = path
+        info = stated or SessionInfo()
         recordings = sorted(path.glob("*.mcap")) if path.is_dir() else []
-        self._files = recordings or [path]
-        self._names: list[dict[str, int]] = []
-        self.session_info: list[SessionInfo] = []
-        for file in self._files:
-            with self._open(file) as source:
-                self.session_info.append(source.session_info)
-                self._names.append({name: index for index, name in enumerate(self._frame_names(file, source))})
-        self._index = {name: (k, index) for k, names in enumerate(self._names) for name, index in names.items()}
+        self._sessions: list[_Session]
+        if path.is_dir() and not recordings:
+            self._sessions = [_Folder(path, info)]
+        else:
+            self._sessions = [_Events(file, view, info) for file in recordings or [path]]
+        self._index = {name: (k, index) for k, own in enumerate(self._sessions) for index, name in enumerate(own.names)}
         if not self._index:
-            raise FileFormatError(f"{path}: there is no image of the view {view!r} in it")
+            raise FileFormatError(f"{path}: holds no images; expected images, recordings (.mcap), or a video file")
 
     def __len__(self) -> int:
         return len(self._index)
@@ -71,6 +98,11 @@ class AnnotationImages:
     def examples(self) -> list[str]:
         """Names of the first images."""
         return list(self._index)[:3]
+
+    @property
+    def session_info(self) -> list[SessionInfo]:
+        """The metadata of each session."""
+        return [each.info for each in self._sessions]
 
     def session_of(self, name: str) -> int:
         """Returns the index of the session that the image ``name`` belongs to."""
@@ -81,66 +113,95 @@ class AnnotationImages:
 
         Another program may state the path of a file, the number of a frame, or DeepLabCut's ``img0012.png``.
         """
-        if name in self._index:
-            return name
         path = PurePosixPath(name.replace("\\", "/"))
-        if path.name in self._index:
-            return path.name
-        if "/".join(path.parts[-2:]) in self._index:
-            return "/".join(path.parts[-2:])
+        for start in range(len(path.parts)):
+            if (ending := "/".join(path.parts[start:])) in self._index:
+                return ending
+        same = [each for each in self._index if each.rpartition("/")[2] == path.name and is_image(Path(each))]
+        if len(same) == 1:
+            return same[0]
         extracted = _EXTRACTED.match(path.stem)
         number = extracted[1] if extracted else name
-        if len(self._files) == 1 and number.isdecimal() and int(number) < len(self._index):
+        if len(self._sessions) == 1 and number.isdecimal() and int(number) < len(self._index):
             return list(self._index)[int(number)]
         return None
 
     def beforehand(self, session: int) -> list[Image]:
         """Returns images that are spread over a session, on which its detection is resolved."""
-        with self._open(self._files[session]) as source:
-            return images_beforehand(source, self.view)
+        return self._sessions[session].beforehand()
 
     def candidates(self) -> Iterator[Candidate]:
         """Yields up to `MAX_CANDIDATES` frames, evenly spread over all sessions."""
         step = max(1, -(-len(self) // MAX_CANDIDATES))
-        for session, names in enumerate(self._names):
-            listed = list(names)[::step]
-            for name, image in zip(listed, self._read(session, [names[name] for name in listed]), strict=True):
-                yield Candidate(name, session, thumbnail(image))
+        for number, session in enumerate(self._sessions):
+            indices = range(0, len(session.names), step)
+            for index, image in zip(indices, session.read(indices), strict=True):
+                yield Candidate(session.names[index], number, thumbnail(image))
 
     def read(self, names: Sequence[str]) -> list[Image]:
         """Returns the images ``names``, in this order: (h, w) grey or (h, w, 3) RGB, uint8."""
         found: dict[str, Image] = {}
-        for session, known in enumerate(self._names):
-            wanted = sorted({name for name in names if name in known}, key=known.__getitem__)
-            found.update(zip(wanted, self._read(session, [known[name] for name in wanted]), strict=True))
+        for number, session in enumerate(self._sessions):
+            indices = sorted({self._index[name][1] for name in names if self._index[name][0] == number})
+            found |= {session.names[k]: image for k, image in zip(indices, session.read(indices), strict=True)}
         return [found[name] for name in names]
 
-    def _read(self, session: int, indices: Sequence[int]) -> Iterator[Image]:
-        """Yields the images at increasing ``indices`` of a session."""
+
+class _Folder:
+    """A folder of images, also in its sub-folders where it has none itself."""
+
+    def __init__(self, folder: Path, info: SessionInfo) -> None:
+        files = [file for file in folder.iterdir() if is_image(file)] or filter(is_image, folder.rglob("*"))
+        self._files = sorted((file for file in files if file.is_file()), key=_by_number)
+        self._depth = StreamDepth.of_files(self._files)
+        self.names = [file.relative_to(folder).as_posix() for file in self._files]
+        self.info = info
+
+    def read(self, indices: Sequence[int]) -> Iterator[Image]:
+        return (read_image(self._files[index], self._depth) for index in indices)
+
+    def beforehand(self) -> list[Image]:
+        return list(self.read(spread_rows(len(self._files)).tolist()))
+
+
+class _Events:
+    """A recording, a video, a DICOM file or a file of images."""
+
+    def __init__(self, file: Path, view: str, stated: SessionInfo) -> None:
+        self._file, self._view, self._stated = file, view, stated
+        with self._open() as source:
+            self.info = source.session_info.updated(stated)
+            if isinstance(source, RecordingReader) and view not in source.views:
+                held = ", ".join(source.views) or "no images"
+                raise InputError(f"{file}: has no view {view!r}, it has {held}; state vision.view")
+            if isinstance(source, FileSource) and source.file_names:
+                self.names = list(source.file_names.values())
+            else:
+                count = frame_count(source, view) or sum(1 for _ in _frames(source, view))
+                self.names = [f"{file.name}/{index}" for index in range(count)]
+
+    def read(self, indices: Sequence[int]) -> Iterator[Image]:
         if not indices:
             return
-        with self._open(self._files[session]) as source:
+        with self._open() as source:
             if isinstance(source, RecordingReader):
-                yield from (source.frame_at(index, self.view).image for index in indices)
+                yield from (source.frame_at(index, self._view).image for index in indices)
                 return
             wanted, last = set(indices), indices[-1]
-            for index, frame in enumerate(_frames(source, self.view)):
+            for index, frame in enumerate(_frames(source, self._view)):
                 if index in wanted:
                     yield frame.image
                 if index == last:
                     return
 
-    def _open(self, file: Path) -> Source:
-        return RecordingReader(file) if file.suffix == ".mcap" else open_source(file, stated=self._stated)
+    def beforehand(self) -> list[Image]:
+        with self._open() as source:
+            return images_beforehand(source, self._view)
 
-    def _frame_names(self, file: Path, source: Source) -> list[str]:
-        if isinstance(source, FileSource) and source.file_names:
-            return list(source.file_names.values())
-        if isinstance(source, RecordingReader) and self.view not in source.views:
-            held = ", ".join(source.views) or "no images"
-            raise InputError(f"{file}: has no view {self.view!r}, it has {held}; state vision.view")
-        count = frame_count(source, self.view) or sum(1 for _ in _frames(source, self.view))
-        return [f"{file.name}/{index}" for index in range(count)]
+    def _open(self) -> Source:
+        if self._file.suffix == ".mcap" and not is_bag(self._file):
+            return RecordingReader(self._file)
+        return open_source(self._file, stated=self._stated)
 
 
 def thumbnail(image: Image) -> FloatArray:
@@ -148,6 +209,11 @@ def thumbnail(image: Image) -> FloatArray:
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     small = cv2.resize(grey, THUMBNAIL_PX, interpolation=cv2.INTER_AREA)
     return small.astype(np.float64).ravel() / 255.0
+
+
+def _by_number(path: Path) -> list[tuple[int, str]]:
+    """Returns a key that sorts image2 before image10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(path).lower())]
 
 
 def _frames(source: Source, view: str) -> Iterator[Frame]:

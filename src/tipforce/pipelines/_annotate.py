@@ -74,7 +74,6 @@ class AnnotationJob:
         self.path, self.detector = path, detector
         self.images = AnnotationImages(path, self._vision.view, session_info_from(bench))
         self.store = AnnotationStore(path)
-        self._stated = session_info_from(bench)
         self._detectors: dict[int, SessionDetector] = {}
 
     @property
@@ -192,8 +191,8 @@ class AnnotationJob:
     def _detect(self, name: str, image: Image) -> DetectedShape:
         session = self.images.session_of(name)
         if session not in self._detectors:
-            info = self.images.session_info[session].updated(self._stated)
-            self._detectors[session] = SessionDetector(self._vision, info, self.images.beforehand(session))
+            info, images = self.images.session_info[session], self.images.beforehand(session)
+            self._detectors[session] = SessionDetector(self._vision, info, images)
         return self._detectors[session].detect(image)
 
     def _fine_tune(
