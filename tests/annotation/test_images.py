@@ -93,7 +93,7 @@ def test_images_in_sub_folders_are_found_and_sorted_by_number(tmp_path: Path) ->
 
 
 def test_a_view_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"has no view 'side', it has camera; state vision.view"):
+    with pytest.raises(InputError, match=r"has no view 'side', it has camera: set vision.view=camera"):
         AnnotationImages(record(tmp_path / "run.mcap"), "side")
 
 

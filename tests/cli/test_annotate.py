@@ -155,6 +155,10 @@ def test_ctrl_c_ends_the_page_and_keeps_the_annotations(folder: Path) -> None:
     assert child.stderr is not None
     while "Ctrl-C" not in (line := child.stderr.readline()):
         assert line or child.poll() is None
+    with pytest.raises(
+        OutputError, match=r"frames\.annotations\.json: is being written by process \d+ \(tipforce annotate"
+    ):
+        run("frames", "--from", "lines.csv")
     child.send_signal(signal.SIGINT)
     _, said = child.communicate(timeout=30)
     assert child.returncode == 130

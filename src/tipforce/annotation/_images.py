@@ -138,12 +138,15 @@ class AnnotationImages:
             for index, image in zip(indices, session.read(indices), strict=True):
                 yield Candidate(session.names[index], number, thumbnail(image))
 
-    def read(self, names: Sequence[str]) -> list[Image]:
-        """Returns the images ``names``, in this order: (h, w) grey or (h, w, 3) RGB, uint8."""
-        found: dict[str, Image] = {}
+    def each(self, names: Sequence[str]) -> Iterator[tuple[str, Image]]:
+        """Yields the images ``names`` with their names, in the order of the files; one at a time is in memory."""
         for number, session in enumerate(self._sessions):
             indices = sorted({self._index[name][1] for name in names if self._index[name][0] == number})
-            found |= {session.names[k]: image for k, image in zip(indices, session.read(indices), strict=True)}
+            yield from zip((session.names[k] for k in indices), session.read(indices), strict=True)
+
+    def read(self, names: Sequence[str]) -> list[Image]:
+        """Returns the images ``names``, in this order: (h, w) grey or (h, w, 3) RGB, uint8."""
+        found = dict(self.each(names))
         return [found[name] for name in names]
 
 
@@ -172,8 +175,10 @@ class _Events:
         with self._open() as source:
             self.info = source.session_info.updated(stated)
             if isinstance(source, RecordingReader) and view not in source.views:
-                held = ", ".join(source.views) or "no images"
-                raise InputError(f"{file}: has no view {view!r}, it has {held}; state vision.view")
+                if not source.views:
+                    raise InputError(f"{file}: holds no images")
+                held = ", ".join(source.views)
+                raise InputError(f"{file}: has no view {view!r}, it has {held}: set vision.view={source.views[0]}")
             if isinstance(source, FileSource) and source.file_names:
                 self.names = list(source.file_names.values())
             else:

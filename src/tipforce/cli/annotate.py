@@ -1,5 +1,6 @@
 """``tipforce annotate``: marks the catheter in some frames, and fine-tunes the detector on them."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -93,9 +94,9 @@ def command(
 
 def _page(job: "AnnotationJob", frames: int, host: str, port: int) -> None:
     """Serves the page until the person presses "Finish"."""
-    with progress_bar() as progress:
-        server = job.serve(frames, host=host, port=port, progress=progress)
-    with server:
+    with ExitStack() as stack:
+        with progress_bar() as progress:
+            server = stack.enter_context(job.serve(frames, host=host, port=port, progress=progress))
         say(f"page: {server.address}")
         say("open it in a browser; the button Finish on it, or Ctrl-C, ends this program")
         _wait(server)

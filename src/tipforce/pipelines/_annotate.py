@@ -1,11 +1,13 @@
 """Annotates the catheter in frames that differ, and fine-tunes the detector on them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
+from .._system.locks import output_lock
 from ..annotation import (
     DEFAULT_FRAMES,
     MAX_CANDIDATES,
@@ -106,7 +108,7 @@ class AnnotationJob:
                 f"those of a file with `tipforce annotate {self.path} --from FILE`"
             )
         names = [frame.image for frame in frames]
-        sizes = {name: image.shape[1::-1] for name, image in zip(names, self.images.read(names), strict=True)}
+        sizes = {name: image.shape[1::-1] for name, image in self.images.each(names)}
         write_marks(file, frames, sizes)
         return len(frames)
 
@@ -128,10 +130,13 @@ class AnnotationJob:
         images = self.images.read([frame.image for frame in frames])
         return self._fine_tune([frame.annotation() for frame in frames], images, progress or _silent)
 
+    @contextmanager
     def serve(
         self, count: int = DEFAULT_FRAMES, *, host: str = "127.0.0.1", port: int = 0, progress: Progress | None = None
-    ) -> "AnnotationServer":
-        """Chooses frames where there are fewer than ``count``, and starts the page.
+    ) -> "Generator[AnnotationServer]":
+        """Chooses frames where there are fewer than ``count``, and serves the page until the end of the block.
+
+        Inside the block no other process can change the annotations.
 
         Args:
             count: number of frames.
@@ -139,25 +144,28 @@ class AnnotationJob:
             port: its port; 0: any free port.
             progress: called with the current step and the share that is done.
 
-        Returns:
-            The running page, a context manager.
+        Yields:
+            The running page.
 
         Raises:
             InputError: an image cannot be read, or nothing can listen there.
+            OutputError: another process has the page of these annotations.
         """
         from ..annotation import serve_annotation
 
         report = progress or _silent
-        self._choose(count, report)
-        names = list(self.store.frames)
-        images = self.images.read(names)
-        shapes: list[DetectedShape] = []
-        for name, image in zip(names, images, strict=True):
-            report("detecting the catheter in the chosen frames", len(shapes) / len(names))
-            shapes.append(self._detect(name, image))
-        groups = [self.images.session_of(name) for name in names]
-        session = AnnotationSession(self.store, images, groups, shapes)
-        return serve_annotation(session, self._fine_tune, title=self.path.name, host=host, port=port)
+        with output_lock(self.store.file):
+            self._choose(count, report)
+            names = list(self.store.frames)
+            images = self.images.read(names)
+            shapes: list[DetectedShape] = []
+            for name, image in zip(names, images, strict=True):
+                report("detecting the catheter in the chosen frames", len(shapes) / len(names))
+                shapes.append(self._detect(name, image))
+            groups = [self.images.session_of(name) for name in names]
+            session = AnnotationSession(self.store, images, groups, shapes)
+            with serve_annotation(session, self._fine_tune, title=self.path.name, host=host, port=port) as server:
+                yield server
 
     def _choose(self, count: int, report: Progress) -> None:
         """Adds frames to the store until it has ``count``."""
@@ -178,12 +186,11 @@ class AnnotationJob:
                 candidates.append(candidate)
 
         def uncertainty(pool: Sequence[Candidate]) -> list[float]:
-            found: list[float] = []
-            names = [each.name for each in pool]
-            for name, image in zip(names, self.images.read(names), strict=True):
+            found: dict[str, float] = {}
+            for name, image in self.images.each([each.name for each in pool]):
                 report("detecting the catheter in frames that differ", len(found) / len(pool))
-                found.append(uncertainty_of(self._detect(name, image)))
-            return found
+                found[name] = uncertainty_of(self._detect(name, image))
+            return [found[each.name] for each in pool]
 
         if candidates:
             self.store.add(MarkedFrame.empty(name) for name in choose_frames(candidates, lacking, uncertainty))
