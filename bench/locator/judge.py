@@ -8,65 +8,20 @@ border that the catheter comes from, its size, a click on the mouth. Right: mout
 
 import argparse
 import csv
-import math
 from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
-import torch
 
 from tipforce.training.locator import (
     NOMINAL_LENGTH_PX,
-    Locator,
-    heat_peaks,
-    network_input,
-    prompt_channels,
+    locate_points,
     read_checkpoint,
 )
 
 LIMIT_PX = 8.0
 SCALES = (0.5, 0.7, 1.0, 1.4)
 """Scales of the image that are tried if no size is stated."""
-
-
-@torch.inference_mode()
-def locate(
-    network: Locator, image: npt.NDArray[np.uint8], scale: float, base: tuple[float, float] | None = None,
-    side: int | None = None, sizes: tuple[float, float] | None = None,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.int64], float]:  # fmt: skip
-    """Reads ``image`` (h, w, 3) at ``scale``.
-
-    Args:
-        network: the locator.
-        image: RGB.
-        scale: px of the network's image for each px of ``image``.
-        base: a click on the base, px.
-        side: border that the catheter comes from.
-        sizes: length and diameter, px.
-
-    Returns:
-        Points (16, 2) px, their probabilities (16,), their states (16,), the probability of a catheter.
-    """
-    way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
-    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=way)
-    h, w = small.shape[:2]
-    padded = cv2.copyMakeBorder(small, 0, -h % 32, 0, -w % 32, cv2.BORDER_REPLICATE)
-
-    def stated(values: tuple[float, ...] | None, count: int, factor: float, offset: float = 0.0) -> torch.Tensor:
-        found = [math.nan] * count if values is None else [value * factor + offset for value in values]
-        return torch.tensor([found], dtype=torch.float32)
-
-    planes = prompt_channels(
-        padded.shape[:2], stated(base, 2, scale, 0.5 * (scale - 1.0)), stated(None, 4, 1.0),
-        stated(None if side is None else (float(side),), 1, 1.0), stated(None, 2, 1.0),
-        torch.full((1, 1, 2), math.nan), torch.full((1, 2, 2), math.nan), stated(sizes, 2, scale),
-    )  # fmt: skip
-    heat, _, _, states, present = network(network_input(torch.from_numpy(padded)[None], planes))
-    points, mass = heat_peaks(heat)
-    there = float(torch.sigmoid(present)[0])
-    found = (points[0].numpy().astype(np.float64) + 0.5) / scale - 0.5
-    return found, mass[0].numpy().astype(np.float64), states[0].argmax(-1).numpy(), there
 
 
 def main() -> None:
@@ -92,7 +47,9 @@ def main() -> None:
         tries = {"nothing": {}, "side": {"side": 2}, "size": {"sizes": sizes}, "mouth": {"base": tuple(mouth.tolist())}}
         for name, facts in tries.items():
             scales = (NOMINAL_LENGTH_PX / length,) if name == "size" else SCALES
-            found = max((locate(network, image, s, **facts) for s in scales), key=lambda each: float(each[1].mean()))
+            found = max(
+                (locate_points(network, image, s, **facts) for s in scales), key=lambda each: float(each[1].mean())
+            )
             points, mass, states, there = found
             off = np.linalg.norm(points[0] - mouth), np.linalg.norm(points[-1] - tip)
             right[name] += max(off) <= LIMIT_PX

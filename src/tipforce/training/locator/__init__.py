@@ -2,6 +2,7 @@
 
 from ._camera import camera_image, motion_blur
 from ._export import GRAPH_OUTPUTS, export_locator, locator_from_graph, quantise_locator
+from ._fine_tune import TRAINED_PARTS, FineTuned, FineTuneSettings, fine_tune
 from ._inputs import NOMINAL_DIAMETER_PX, NOMINAL_LENGTH_PX, PROMPT_CHANNELS, network_input, prompt_channels
 from ._labels import (
     CATHETER,
@@ -19,6 +20,7 @@ from ._labels import (
     border_behind,
     labelled_line,
 )
+from ._locate import LocatedPoints, locate_points
 from ._loss import HEATMAP_SIGMA_CELLS, cosine_rate, linear_rate, locator_loss
 from ._network import (
     LINE_POINTS,
@@ -66,10 +68,14 @@ __all__ = [
     "SIDES",
     "SIZE_MULTIPLE_PX",
     "STRIDE_PX",
+    "TRAINED_PARTS",
     "WINDOW_FIELDS",
     "WINDOW_PX",
     "Encoder",
+    "FineTuneSettings",
+    "FineTuned",
     "LabelledImage",
+    "LocatedPoints",
     "Locator",
     "LocatorOutputs",
     "Scene",
@@ -78,9 +84,11 @@ __all__ = [
     "camera_image",
     "cosine_rate",
     "export_locator",
+    "fine_tune",
     "heat_peaks",
     "labelled_line",
     "linear_rate",
+    "locate_points",
     "locator_from_graph",
     "locator_loss",
     "motion_blur",
