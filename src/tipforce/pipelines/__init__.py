@@ -16,6 +16,13 @@ if TYPE_CHECKING:
     from ._demo import DemoReport, demo
     from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
     from ._evaluate import EvaluateReport, evaluate, thesis_settings
+    from ._fine_tune_locator import (
+        FineTuneResult,
+        LeftOutFrame,
+        LocatorFigures,
+        LocatorFineTuneSettings,
+        fine_tune_locator,
+    )
     from ._guided import Guide, missing_for_training
     from ._import_session import import_session
     from ._inspect import inspect
@@ -46,12 +53,16 @@ __all__ = [
     "DemoReport",
     "EstimateReport",
     "EvaluateReport",
+    "FineTuneResult",
     "Guide",
     "HoldSettings",
     "InspectionResult",
+    "LeftOutFrame",
     "LiveControl",
     "LivePage",
     "LiveRunSettings",
+    "LocatorFigures",
+    "LocatorFineTuneSettings",
     "PageAddress",
     "RecordingReport",
     "RecordingSummary",
@@ -70,6 +81,7 @@ __all__ = [
     "detector_beside",
     "estimate",
     "evaluate",
+    "fine_tune_locator",
     "import_session",
     "inspect",
     "inspect_frames",
@@ -140,6 +152,13 @@ __getattr__, __dir__ = _loaded_on_use(
             "EvaluateReport",
             "evaluate",
             "thesis_settings",
+        ),
+        "_fine_tune_locator": (
+            "FineTuneResult",
+            "LeftOutFrame",
+            "LocatorFigures",
+            "LocatorFineTuneSettings",
+            "fine_tune_locator",
         ),
         "_guided": (
             "Guide",

@@ -1,7 +1,7 @@
 """Training of the locator, the network that finds the catheter in any image; it needs torch when it is imported."""
 
 from ._camera import camera_image, motion_blur
-from ._export import GRAPH_OUTPUTS, export_locator, locator_from_graph, quantise_locator
+from ._export import GRAPH_OUTPUTS, export_locator, graph_with_weights, locator_from_graph, quantise_locator
 from ._fine_tune import TRAINED_PARTS, FineTuned, FineTuneSettings, fine_tune
 from ._inputs import NOMINAL_DIAMETER_PX, NOMINAL_LENGTH_PX, PROMPT_CHANNELS, network_input, prompt_channels
 from ._labels import (
@@ -85,6 +85,7 @@ __all__ = [
     "cosine_rate",
     "export_locator",
     "fine_tune",
+    "graph_with_weights",
     "heat_peaks",
     "labelled_line",
     "linear_rate",

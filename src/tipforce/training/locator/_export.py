@@ -9,6 +9,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from ..._system.extras import import_extra
 from ...errors import ModelError
 from .._export import export_graph, graph_weights
 from .._quantisation import fold_batch_norms, quantise_nodes
@@ -67,14 +68,37 @@ def quantise_locator(graph: bytes, batches: Iterable[npt.NDArray[Any]]) -> bytes
     return quantise_nodes(model, inputs, excluded, kinds=_QUANTISED, cut_outliers=True).SerializeToString()
 
 
+def graph_with_weights(graph: bytes, network: Locator) -> bytes:
+    """Returns a graph of `export_locator` with the weights of another network; this takes no export.
+
+    Args:
+        graph: the graph in single precision.
+        network: the network whose weights are stored, each in the precision of the graph's.
+
+    Raises:
+        MissingExtraError: onnx is not installed.
+    """
+    onnx = import_extra("onnx", "train")
+    model, state = onnx.load_from_string(graph), network.state_dict()
+    for each in model.graph.initializer:
+        if each.name in state:
+            array = state[each.name].detach().numpy().astype(onnx.numpy_helper.to_array(each).dtype)
+            each.CopyFrom(onnx.numpy_helper.from_array(array, each.name))
+    return model.SerializeToString()
+
+
 def locator_from_graph(path: Path) -> Locator:
     """Returns the network, in eval mode, with the weights in a graph of `export_locator`.
 
     Raises:
         ModelError: the file is no such graph.
+        MissingExtraError: onnx is not installed.
     """
     network = Locator()
-    weights = graph_weights(path.read_bytes())
+    try:
+        weights = graph_weights(path.read_bytes())
+    except import_extra("google.protobuf.message", "train").DecodeError:
+        raise ModelError(f"{path}: this is no graph of the locator: it is no ONNX file") from None
     state = network.state_dict()
     for name, value in state.items():
         if name.endswith("num_batches_tracked"):

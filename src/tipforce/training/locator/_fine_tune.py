@@ -90,7 +90,7 @@ def fine_tune(
         annotated: images with their catheter, or without one, as a person marked them; at least one.
         rehearsal: images of the first training; at least one.
         settings: how to train.
-        on_progress: called at every step. What it raises ends the training.
+        on_progress: called at every step. An error that it raises ends the training.
     """
     tuned = copy.deepcopy(network).eval()
     _freeze(tuned, TRAINED_PARTS[settings.trained])
