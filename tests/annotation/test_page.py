@@ -357,6 +357,14 @@ def test_everything_is_in_view_and_has_a_name(user: User, width: int, height: in
     page.set_viewport_size({"width": 1280, "height": 800})
 
 
+def test_the_page_draws_the_curve_that_the_training_gets(user: User) -> None:
+    points = np.array([[10.0, 20.0], [60.0, 22.0], [75.0, 60.0], [120.0, 90.0], [121.0, 130.0]])
+    script = "async (points) => (await import('./spline.js')).curveThrough(points, 40)"
+    drawn = np.array(user.page.evaluate(script, points.tolist()))[:, :2]
+    ours = curve_through(points, 2000)
+    assert max(np.linalg.norm(ours - point, axis=1).min() for point in drawn) < 0.1
+
+
 def test_a_finger_drags_a_point(browser: Browser, opened: Opened) -> None:
     page = browser.new_context(viewport={"width": 820, "height": 1180}, has_touch=True).new_page()
     user = show(page, opened)

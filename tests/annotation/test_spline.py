@@ -1,14 +1,8 @@
 """The curve through the points that a person drags."""
 
-import json
-import shutil
-import subprocess
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-import tipforce.annotation
 from tipforce.annotation import curve_through, handles_of
 
 from .conftest import true_line  # type: ignore[import-not-found]
@@ -32,19 +26,3 @@ def test_few_points_replace_a_detected_line(bend: float) -> None:
     assert len(handles) <= 8
     curve = curve_through(handles, 400)
     assert max(np.linalg.norm(curve - point, axis=1).min() for point in line) < 1.3
-
-
-def test_the_page_draws_the_same_curve(tmp_path: Path) -> None:
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("node, which would run the page's script, is not installed")
-    page = Path(tipforce.annotation.__file__).parent / "page" / "spline.js"
-    shutil.copy(page, tmp_path / "spline.mjs")
-    (tmp_path / "run.mjs").write_text(
-        f"import {{ curveThrough }} from './spline.mjs';\n"
-        f"console.log(JSON.stringify(curveThrough({POINTS.tolist()}, 40)));\n"
-    )
-    ran = subprocess.run([node, "run.mjs"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    drawn = np.array(json.loads(ran.stdout))[:, :2]
-    ours = curve_through(POINTS, 2000)
-    assert max(np.linalg.norm(ours - point, axis=1).min() for point in drawn) < 0.1

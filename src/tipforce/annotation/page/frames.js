@@ -90,6 +90,12 @@ export class Frames {
     this.save();
   }
 
+  // Returns when all changes are saved; throws where one cannot be.
+  async settle() {
+    while (this.sending) await new Promise((resolve) => setTimeout(resolve, 20));
+    if (this.unsaved.size) throw new Error("Not saved yet: the program cannot write the last change.");
+  }
+
   async save() {
     if (this.sending) return;
     this.sending = true;

@@ -188,6 +188,7 @@ const leave = element("leave");
 
 async function finish() {
   try {
+    await frames.settle();
     await api.finish();
     element("closed").showModal();
   } catch (error) {

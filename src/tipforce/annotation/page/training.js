@@ -32,7 +32,10 @@ export class Training {
 
   start() {
     this.say("");
-    this.follow(api.train);
+    this.follow(async () => {
+      await this.frames.settle();
+      return api.train();
+    });
   }
 
   async follow(request) {
