@@ -94,6 +94,8 @@ class FakeLeftOut:
     image: str
     before_px: FloatArray
     after_px: FloatArray
+    before_present: float = 0.9
+    after_present: float = 0.9
 
 
 @dataclass(frozen=True)

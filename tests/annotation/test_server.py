@@ -69,7 +69,7 @@ def client(make_session: Make, tmp_path: Path) -> Iterator[Client]:
     def fine_tune(annotations, images, report):
         report("training", 0.5)
         line = true_line(0.6)[::12]
-        left = FakeLeftOut(annotations[-1].image, np.full((16, 2), np.nan), line)
+        left = FakeLeftOut(annotations[-1].image, line, line, before_present=0.2)
         return FakeDetector(tmp_path / "detector", 2.0, (left,))
 
     with serve_annotation(session, fine_tune, title="frames") as server:

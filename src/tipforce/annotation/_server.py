@@ -25,6 +25,8 @@ MAX_BODY_BYTES = 64 << 10
 """Longest request of the page: the points of one line."""
 JPEG_QUALITY = 95
 THUMBNAIL_WIDTH_PX = 160
+FOUND_PROBABILITY = 0.5
+"""A catheter that is less probable is shown as not found."""
 
 Answer = Callable[[Request], Awaitable[Response]]
 
@@ -165,11 +167,12 @@ class _Page:
         }
 
     def _left_out(self, each: LeftOut) -> dict[str, Any] | None:
-        """Returns a frame that the training left out: its number, and the lines before and after."""
+        """Returns a frame that the training left out: its number, and the lines that were found before and after."""
         names = [frame.image for frame in self._session.frames]
         if each.image not in names:
             return None
-        before, after = _points(each.before_px), _points(each.after_px)
+        before = _points(each.before_px) if each.before_present >= FOUND_PROBABILITY else []
+        after = _points(each.after_px) if each.after_present >= FOUND_PROBABILITY else []
         return {"index": names.index(each.image), "before_px": before, "after_px": after}
 
     def _train(self) -> dict[str, Any]:

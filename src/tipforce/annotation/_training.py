@@ -37,6 +37,16 @@ class LeftOut(Protocol):
         """The line after the training."""
         ...
 
+    @property
+    def before_present(self) -> float:
+        """Probability of a catheter in the image, before the training."""
+        ...
+
+    @property
+    def after_present(self) -> float:
+        """Probability of a catheter in the image, after the training."""
+        ...
+
 
 class TrainedDetector(Protocol):
     """The result of a fine-tuning."""

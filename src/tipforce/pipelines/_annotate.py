@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 DETECTOR_FOLDER = "detector"
 """Folder of the fine-tuned detector, beside ``bench.toml`` or the recording."""
-CARD = "detector.json"
+FACTS = "detector.json"
 """A folder of this name with this file in it is replaced by the next training; another one is not."""
 Progress = Callable[[str, float], None]
 
@@ -70,7 +70,7 @@ class AnnotationJob:
         settings: AnnotateSettings | Mapping[str, Any] | None = None,
         bench: SessionInfo | str | Path | None = None,
     ) -> None:
-        if detector.exists() and not (detector / CARD).is_file():
+        if detector.exists() and not (detector / FACTS).is_file():
             raise InputError(f"{detector}: exists already and is no detector of a training; choose another folder")
         self._vision = AnnotateSettings.model_validate(settings or {}).vision
         self.path, self.detector = path, detector
@@ -205,11 +205,9 @@ class AnnotationJob:
     def _fine_tune(
         self, annotations: Sequence[Annotation], images: Sequence[Image], progress: Progress
     ) -> TrainedDetector:
-        from ._fine_tune_locator import fine_tune_locator  # pyright: ignore
+        from ._fine_tune_locator import fine_tune_locator
 
-        return fine_tune_locator(  # pyright: ignore
-            annotations, images, self.detector, on_progress=progress
-        )
+        return fine_tune_locator(annotations, images, self.detector, on_progress=progress)
 
 
 def _silent(step: str, share: float) -> None:
