@@ -569,6 +569,56 @@ def inspect_dicom(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
     return _looked_at(_dicom(spoiler, corpus, folder), "--every", "2")
 
 
+# annotations
+
+
+_POINTS = ((10, 70), (60, 66.5), (110, 50))
+
+
+def _annotations() -> dict[str, str]:
+    """Name -> content: the catheter's line in two of the frames, as our program and others write it."""
+    ours = "".join(f"{k}.png,{u},{v + k}\n" for k in range(2) for u, v in _POINTS)
+    numbers = [",".join(f"{u},{v + k},0.9" for u, v in _POINTS) for k in range(2)]
+    parts = [part for part in ("base", "middle", "tip") for _ in "xyl"]
+    coco = {
+        "images": [{"id": k, "file_name": f"{k}.png", "width": 160, "height": 120} for k in range(2)],
+        "annotations": [
+            {"id": k, "image_id": k, "category_id": 1, "keypoints": [n for u, v in _POINTS for n in (u, v + k, 2)]}
+            for k in range(2)
+        ],
+    }
+    stored = [{"image": f"{k}.png", "points_px": _POINTS, "done": True} for k in range(2)]
+    return {
+        "ours.csv": f"image,u,v\n{ours}",
+        "sleap.csv": "track,frame_idx,instance.score,"
+        + ",".join(f"{part}.{axis}" for part in ("base", "middle", "tip") for axis in ("x", "y", "score"))
+        + "".join(f"\nt,{k},0.9,{row}" for k, row in enumerate(numbers)),
+        "deeplabcut.csv": "\n".join(
+            [f"scorer{',A' * 9}", f"bodyparts,{','.join(parts)}", f"coords{',x,y,likelihood' * 3}"]
+            + [f"labeled-data/m/{k}.png,{row}" for k, row in enumerate(numbers)]
+        ),
+        "coco.json": json.dumps(coco),
+        "frames.annotations.json": json.dumps(
+            {"format": "tipforce-annotations", "version": 1, "source": "frames", "frames": stored}
+        ),
+    }
+
+
+def _annotated(name: str) -> Make:
+    def make(spoiler: Spoiler, corpus: Path, folder: Path) -> Case:
+        shutil.copytree(corpus / "frames", folder / "frames")
+        text, path = _annotations()[name], folder / name
+        if path.suffix == ".json" and spoiler.chance(0.8):
+            path.write_bytes(spoiler.as_json(spoiler.value(json.loads(text))))
+        else:
+            path.write_bytes(spoiler.encoded(spoiler.text(text)))
+        taken = () if name.startswith("frames") else ("--from", str(path))
+        written = ("--export", spoiler.one_of("lines.csv", "lines.json"))
+        return Case(("annotate", str(folder / "frames"), *taken, *written), (path.name, "frames"))
+
+    return make
+
+
 TARGETS: dict[str, tuple[Make, ...]] = {
     "recording": (
         inspect_recording,
@@ -588,6 +638,7 @@ TARGETS: dict[str, tuple[Make, ...]] = {
     "bench": (bench_written_again, bench_written_again, inspect_with_bench, estimate_with_bench, network_with_bench),
     "settings": (inspect_with_settings, inspect_with_settings, train_with_settings),
     "options": (options, simulate_with_settings),
+    "annotations": tuple(map(_annotated, _annotations())),
 }
 """Kind of input -> its commands, which take turns."""
 if importlib.util.find_spec("pyarrow"):

@@ -94,6 +94,9 @@ class AnnotationImages:
     def __len__(self) -> int:
         return len(self._index)
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._index
+
     @property
     def examples(self) -> list[str]:
         """Names of the first images."""

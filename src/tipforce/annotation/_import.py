@@ -97,7 +97,10 @@ def _check(file: Path, frame: MarkedFrame, image: Image, stated_px: tuple[int, i
             f"{file}: {frame.image}: the point ({u:g}, {v:g}) is outside of the image, {width} x {height} px; were "
             "they marked in images of another size? scale the points to this size"
         )
-    frame.annotation()  # neighbours that are the same are refused
+    try:
+        frame.annotation()
+    except InputError as error:  # two points in a row are the same
+        raise InputError(f"{file}: {error}") from None
 
 
 def _grouped(left_out: dict[str, str]) -> list[str]:

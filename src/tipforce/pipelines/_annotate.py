@@ -59,7 +59,8 @@ class AnnotationJob:
         bench: metadata in place of those in the file.
 
     Raises:
-        InputError: there is no image, or ``detector`` is a folder with other contents.
+        InputError: there is no image, the annotations belong to other images, or ``detector`` is a folder with other
+            contents.
     """
 
     def __init__(
@@ -76,6 +77,12 @@ class AnnotationJob:
         self.path, self.detector = path, detector
         self.images = AnnotationImages(path, self._vision.view, session_info_from(bench))
         self.store = AnnotationStore(path)
+        lost = [name for name in self.store.frames if name not in self.images]
+        if lost:
+            raise InputError(
+                f"{self.store.file}: {lost[0]} is not in {path}; the annotations belong to other images: move them "
+                "away to start again"
+            )
         self._detectors: dict[int, SessionDetector] = {}
 
     @property
@@ -169,12 +176,6 @@ class AnnotationJob:
 
     def _choose(self, count: int, report: Progress) -> None:
         """Adds frames to the store until it has ``count``."""
-        lost = [name for name in self.store.frames if self.images.resolve(name) != name]
-        if lost:
-            raise InputError(
-                f"{self.store.file}: {lost[0]} is not in {self.path}; the annotations belong to other images: move "
-                "them away to start again"
-            )
         lacking = count - len(self.store.frames)
         if lacking <= 0:
             return

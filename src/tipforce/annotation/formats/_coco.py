@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import FileFormatError
 from .._spline import curve_through
-from .._store import MarkedFrame
+from .._store import MAX_PIXEL, MarkedFrame
 from ._cells import marked_points
 from ._tables import Marks
 
@@ -124,8 +124,8 @@ def _keypoints(path: Path, values: Any, place: str) -> tuple[list[tuple[float, f
     """Returns the keypoints of an annotation, and their visibility."""
     if not isinstance(values, list) or len(values) < 6 or len(values) % 3:
         _fail(path, f"{place}: expected at least two keypoints [u, v, visibility, ...]")
-    if not all(isinstance(each, int | float) and np.isfinite(each) for each in values):
-        _fail(path, f"{place}: keypoints hold a value that is no number")
+    if not all(isinstance(each, int | float) and abs(each) <= MAX_PIXEL for each in values):  # not a number: false
+        _fail(path, f"{place}: keypoints hold a value that is no number, or larger than {MAX_PIXEL:g}")
     visible = [int(each) for each in values[2::3]]
     if not set(visible) <= {NOT_LABELLED, NOT_VISIBLE, VISIBLE}:
         _fail(path, f"{place}: a visibility is none of 0, 1 and 2")

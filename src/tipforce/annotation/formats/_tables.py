@@ -1,5 +1,6 @@
 """Reads tables of annotations: ours, SLEAP's and DeepLabCut's."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -188,7 +189,7 @@ def _frame_number(cell: str, place: str) -> str:
         number = float(cell)
     except ValueError:
         number = -1.0
-    if number < 0 or number != round(number):
+    if not (math.isfinite(number) and number >= 0 and number == round(number)):
         raise TableError(f"{place}, column frame_idx: expected the number of a frame, got {cell[:40]!r}")
     return str(round(number))
 
