@@ -208,7 +208,7 @@ def test_a_line_is_drawn_with_clicks_and_carried_to_the_next_frames(user: User) 
     assert max(np.linalg.norm(true_line(bends()[2]) - point, axis=1).min() for point in carried) < 3.0
 
 
-def test_a_wrong_line_is_drawn_anew(user: User) -> None:
+def test_a_wrong_line_is_drawn_again(user: User) -> None:
     user.keys("r")
     user.click(np.array([20.0, 30.0]), np.array([100.0, 40.0]), np.array([200.0, 90.0]))
     user.keys("Enter")

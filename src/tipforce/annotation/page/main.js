@@ -140,7 +140,7 @@ function toggleNone() {
   refresh();
 }
 
-function drawAnew() {
+function drawAgain() {
   if (!frames.shown(current).present) return;
   if (editor.appending && frames.shown(current).points.length > 1) editor.appending = false;
   else {
@@ -199,7 +199,7 @@ async function finish() {
 const ACTIONS = {
   done, undo: () => restore(frames.undo()), redo: () => restore(frames.redo()),
   previous: () => step(-1), next: () => step(1),
-  hidden: toggleHidden, none: toggleNone, draw: drawAnew, delete: () => editor.remove(),
+  hidden: toggleHidden, none: toggleNone, draw: drawAgain, delete: () => editor.remove(),
   "zoom-in": () => zoom(ZOOM), "zoom-out": () => zoom(1 / ZOOM), fit,
   help: () => element("keys").showModal(),
   finish: () => (training.last === "running" || frames.finished < frames.list.length ? leave.showModal() : finish()),
@@ -213,7 +213,7 @@ for (const [id, act] of Object.entries(ACTIONS)) {
 }
 
 const KEYS = {
-  ArrowLeft: ACTIONS.previous, ArrowRight: ACTIONS.next, h: toggleHidden, n: toggleNone, r: drawAnew,
+  ArrowLeft: ACTIONS.previous, ArrowRight: ACTIONS.next, h: toggleHidden, n: toggleNone, r: drawAgain,
   Delete: ACTIONS.delete, Backspace: ACTIONS.delete, z: ACTIONS.undo, y: ACTIONS.redo,
   "+": ACTIONS["zoom-in"], "=": ACTIONS["zoom-in"], "-": ACTIONS["zoom-out"], 0: fit, f: fit,
   "[": () => editor.select(-1), "]": () => editor.select(1), i: () => editor.insert(), "?": ACTIONS.help,
