@@ -44,7 +44,7 @@ def choose_device(config: TrainConfig) -> Device:
     import torch
 
     cuda = torch.cuda.is_available()
-    has_bf16 = torch.cuda.is_bf16_supported() if cuda else _cpu_has_bf16()
+    has_bf16 = torch.cuda.is_bf16_supported() if cuda else cpu_has_bf16()
     precision = config.precision if config.precision != "auto" else ("bf16" if has_bf16 else "fp32")
     threads = torch.get_num_threads()
     workers = config.workers or (max(1, min(8, threads - 1)) if cuda else 1)
@@ -52,7 +52,7 @@ def choose_device(config: TrainConfig) -> Device:
     return Device("cuda" if cuda else "cpu", precision, workers, text)
 
 
-def _cpu_has_bf16() -> bool:
+def cpu_has_bf16() -> bool:
     """Returns whether the processor multiplies in bf16. Emulated bf16 would be slower than fp32."""
     import torch
 

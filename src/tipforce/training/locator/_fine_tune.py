@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from .._device import cpu_has_bf16
 from ._inputs import network_input, prompt_channels
 from ._labels import LabelledImage
 from ._loss import linear_rate, locator_loss
@@ -69,7 +70,7 @@ class FineTuned:
 
 
 MEASURED_STEPS = 8
-"""Steps after which the time of the rest is estimated."""
+"""The time of the remaining steps is estimated after each of these numbers of steps."""
 WEIGHT_DECAY = 0.02
 MAX_GRADIENT_NORM = 3.0
 
@@ -109,7 +110,7 @@ def fine_tune(
             nn.utils.clip_grad_norm_(parameters, MAX_GRADIENT_NORM)
             optimiser.step()
             step += 1
-            if step == MEASURED_STEPS:
+            if step % MEASURED_STEPS == 0:
                 possible = int(settings.max_seconds * step / max(time.monotonic() - began, 1e-9))
                 steps = min(steps, max(possible, MEASURED_STEPS))
     return FineTuned(tuned.requires_grad_(True), steps, time.monotonic() - began)
@@ -147,5 +148,7 @@ def _batches(
 def _batch_loss(network: Locator, batch: dict[str, Tensor]) -> Tensor:
     channels = prompt_channels((WINDOW_PX, WINDOW_PX), *(batch[name] for name in PROMPT_FIELDS))
     image = network_input(batch["image"], channels).contiguous(memory_format=torch.channels_last)
-    loss, _ = locator_loss(network(image), batch["line"], batch["state"], batch["kind"], batch["facts"])
+    with torch.autocast("cpu", torch.bfloat16, enabled=cpu_has_bf16()):
+        outputs = network(image)
+    loss, _ = locator_loss(outputs, batch["line"], batch["state"], batch["kind"], batch["facts"])
     return loss
