@@ -144,7 +144,7 @@ class TrainingRun:
         """Ends the training at its next step; an earlier detector stays as it was."""
         self._cancel.set()
 
-    def close(self, timeout_s: float = 10.0) -> None:
+    def close(self, timeout_s: float = 60.0) -> None:
         """Cancels the training and waits for its end."""
         self.cancel()
         if self._thread is not None:
