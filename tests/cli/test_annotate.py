@@ -147,6 +147,23 @@ def test_annotations_of_other_images_are_not_mixed_in(folder: Path) -> None:
         run("frames", "--port", "0")
 
 
+@pytest.mark.parametrize("words", [["--export", "out.csv"], ["--train"], ["--port", "0"]])
+def test_annotations_of_an_image_that_was_replaced_are_refused(
+    folder: Path, trained: list[Any], words: list[str]
+) -> None:
+    run("frames", "--from", "lines.csv")
+    cv2.imwrite("frames/f00.png", draw_image(bend_at(3)))
+    with pytest.raises(InputError, match=r"f00\.png is another image than the one that was marked"):
+        run("frames", *words)
+
+
+def test_a_jpeg_of_the_same_image_is_the_image_that_was_marked(folder: Path, trained: list[Any]) -> None:
+    run("frames", "--from", "lines.csv")
+    _, data = cv2.imencode(".jpg", draw_image(bend_at(0)), [cv2.IMWRITE_JPEG_QUALITY, 85])
+    cv2.imwrite("frames/f00.png", cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
+    assert run("frames", "--train").exit_code == 0
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
 def test_ctrl_c_ends_the_page_and_keeps_the_annotations(folder: Path) -> None:
     run("frames", "--from", "lines.csv")

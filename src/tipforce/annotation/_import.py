@@ -76,6 +76,7 @@ def import_marks(file: Path, images: AnnotationImages, store: AnnotationStore) -
     sizes = {images.resolve(name): size for name, size in marks.sizes_px.items()}
     for name, image in zip(names, images.read(names), strict=True):
         _check(file, found[name], image, sizes.get(name))
+        found[name] = found[name].seen_in(image)
     store.add(found[name] for name in names)
     return ImportReport(len(names), tuple(remarks))
 

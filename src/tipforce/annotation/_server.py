@@ -103,7 +103,7 @@ class _Page:
     def _state(self) -> dict[str, Any]:
         frames = [
             {
-                **frame.values(),
+                **{key: value for key, value in frame.values().items() if key != "thumbnail"},
                 "width": image.shape[1],
                 "height": image.shape[0],
                 "proposal": {

@@ -3,7 +3,7 @@
 import math
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -102,7 +102,7 @@ class AnnotationSession:
         """
         with self._lock:
             before = self.frames[index]
-            marked = MarkedFrame.from_values(before.image, values)
+            marked = replace(MarkedFrame.from_values(before.image, values), thumbnail=before.thumbnail)
             try:
                 self._store.add([marked])
             except Exception:

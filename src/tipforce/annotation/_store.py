@@ -1,18 +1,21 @@
 """Keeps annotations in one JSON file beside the recording or folder; the file is replaced after every change."""
 
+import base64
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .._system.json_files import read_json
 from ..errors import FileFormatError, InputError
 from ..io import write_atomic
-from ..types import FloatArray
+from ..types import FloatArray, Image
 from ..vision import Annotation
+from ._images import THUMBNAIL_PX, thumbnail
 from ._spline import curve_through
 
 FORMAT: Literal["tipforce-annotations"] = "tipforce-annotations"
@@ -22,6 +25,9 @@ MAX_POINTS = 200
 """Largest number of points of one line."""
 MAX_PIXEL = 100_000.0
 """Largest coordinate of a point, px."""
+MAX_LEVEL_DIFFERENCE = 6
+"""An image is the one that was marked if no grey level of its thumbnail, 0 to 255, differs by more. Decoders of JPEG
+differ by 1; a shaft 9 px wide that moves by 2 px across a cell of 20 px changes it by 15."""
 
 
 _Pixel = Annotated[float, Field(ge=-MAX_PIXEL, le=MAX_PIXEL)]
@@ -35,6 +41,7 @@ class _StoredFrame(BaseModel):
     tip_hidden: bool = False
     present: bool = True
     done: bool = False
+    thumbnail: str = Field(default="", max_length=4 * THUMBNAIL_PX[0] * THUMBNAIL_PX[1])
 
 
 class _StoredFile(BaseModel):
@@ -56,6 +63,8 @@ class MarkedFrame:
         tip_hidden: whether the tip is behind something.
         present: whether a catheter is in the image.
         done: whether the person has finished the frame.
+        thumbnail: grey levels of a small copy of the image (base64), by which another image of the same name is
+            recognised; "": not known yet.
     """
 
     image: str
@@ -63,6 +72,7 @@ class MarkedFrame:
     tip_hidden: bool = False
     present: bool = True
     done: bool = False
+    thumbnail: str = ""
 
     @classmethod
     def empty(cls, image: str) -> "MarkedFrame":
@@ -86,7 +96,7 @@ class MarkedFrame:
         points = np.asarray(stored.points_px, np.float64).reshape(-1, 2)
         if not stored.present:
             points = np.empty((0, 2))
-        frame = cls(image, points, stored.tip_hidden and stored.present, stored.present, stored.done)
+        frame = cls(image, points, stored.tip_hidden and stored.present, stored.present, stored.done, stored.thumbnail)
         if frame.done:
             frame.annotation()  # checks the points
         return frame
@@ -99,7 +109,23 @@ class MarkedFrame:
             "tip_hidden": self.tip_hidden,
             "present": self.present,
             "done": self.done,
+            "thumbnail": self.thumbnail,
         }
+
+    def seen_in(self, image: Image) -> "MarkedFrame":
+        """Returns the frame with the thumbnail of its image."""
+        return replace(self, thumbnail=base64.b64encode(_levels(image).tobytes()).decode())
+
+    def is_of(self, image: Image) -> bool:
+        """Whether ``image`` is the image that was marked, as far as that is known."""
+        if not self.thumbnail:
+            return True
+        try:
+            marked = np.frombuffer(base64.b64decode(self.thumbnail, validate=True), np.uint8)
+        except ValueError:
+            return False
+        levels = _levels(image).astype(np.int64)
+        return len(marked) == len(levels) and int(np.abs(levels - marked).max()) <= MAX_LEVEL_DIFFERENCE
 
     def annotation(self) -> Annotation:
         """Returns the frame for the training: the curve through the points.
@@ -116,13 +142,14 @@ class AnnotationStore:
 
     Args:
         path: the recording or folder; the file is `store_path` of it.
+        view: the view of the images.
 
     Raises:
         FileFormatError: the file exists and is not one of this program.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.file, self._source = store_path(path), path.resolve().name
+    def __init__(self, path: Path, view: str = "camera") -> None:
+        self.file, self._source = store_path(path, view), path.resolve().name
         self.frames: dict[str, MarkedFrame] = {}
         if self.file.exists():
             self.frames = {frame.image: frame for frame in _read(self.file)}
@@ -131,6 +158,21 @@ class AnnotationStore:
         """Adds frames, or replaces those with the same names, and saves all."""
         self.frames |= {frame.image: frame for frame in frames}
         self.save()
+
+    def check_image(self, name: str, image: Image) -> None:
+        """Checks that ``image`` is the one that was marked as ``name``, and remembers it where none was known.
+
+        Raises:
+            InputError: it is another image.
+        """
+        frame = self.frames[name]
+        if not frame.is_of(image):
+            raise InputError(
+                f"{self.file}: {name} is another image than the one that was marked; the recording or folder has "
+                "changed: move the annotations away to start again"
+            )
+        if not frame.thumbnail:
+            self.frames[name] = frame.seen_in(image)
 
     def save(self) -> None:
         """Writes the file. Raises OutputError where this is not possible."""
@@ -144,14 +186,27 @@ class AnnotationStore:
         return [frame for frame in self.frames.values() if frame.done]
 
 
-def store_path(path: Path) -> Path:
+def store_path(path: Path, view: str = "camera") -> Path:
     """Returns the file with the annotations of a recording or folder.
 
-    >>> store_path(Path("runs/monday.mcap")).name
-    'monday.annotations.json'
+    Args:
+        path: the recording or folder.
+        view: the view of the images; each view but "camera" has a file of its own.
+
+    Returns:
+        The path of the file.
+
+    >>> store_path(Path("runs/monday.mcap")).name, store_path(Path("runs/monday.mcap"), "a").name
+    ('monday.annotations.json', 'monday.a.annotations.json')
     """
     path = path.resolve()
-    return path.with_name((path.name if path.is_dir() else path.stem) + SUFFIX)
+    stem = path.name if path.is_dir() else path.stem
+    of_view = "" if view == "camera" else f".{view.replace('/', '-')}"
+    return path.with_name(f"{stem}{of_view}{SUFFIX}")
+
+
+def _levels(image: Image) -> npt.NDArray[np.uint8]:
+    return np.rint(255.0 * thumbnail(image)).astype(np.uint8)
 
 
 def _read(file: Path) -> list[MarkedFrame]:

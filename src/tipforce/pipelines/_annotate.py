@@ -76,7 +76,7 @@ class AnnotationJob:
         self._vision = AnnotateSettings.model_validate(settings or {}).vision
         self.path, self.detector = path, detector
         self.images = AnnotationImages(path, self._vision.view, session_info_from(bench))
-        self.store = AnnotationStore(path)
+        self.store = AnnotationStore(path, self._vision.view)
         lost = [name for name in self.store.frames if name not in self.images]
         if lost:
             raise InputError(
@@ -114,8 +114,10 @@ class AnnotationJob:
                 f"{self.store.file}: no frame is finished; mark some with `tipforce annotate {self.path}`, or take "
                 f"those of a file with `tipforce annotate {self.path} --from FILE`"
             )
-        names = [frame.image for frame in frames]
-        sizes = {name: image.shape[1::-1] for name, image in self.images.each(names)}
+        sizes: dict[str, tuple[int, int]] = {}
+        for name, image in self.images.each([frame.image for frame in frames]):
+            self.store.check_image(name, image)
+            sizes[name] = (image.shape[1], image.shape[0])
         write_marks(file, frames, sizes)
         return len(frames)
 
@@ -134,7 +136,7 @@ class AnnotationJob:
         """
         frames = self.finished
         check_enough(frames)
-        images = self.images.read([frame.image for frame in frames])
+        images = self._read([frame.image for frame in frames])
         return self._fine_tune([frame.annotation() for frame in frames], images, progress or _silent)
 
     @contextmanager
@@ -164,7 +166,7 @@ class AnnotationJob:
         with output_lock(self.store.file):
             self._choose(count, report)
             names = list(self.store.frames)
-            images = self.images.read(names)
+            images = self._read(names)
             shapes: list[DetectedShape] = []
             for name, image in zip(names, images, strict=True):
                 report("detecting the catheter in the chosen frames", len(shapes) / len(names))
@@ -195,6 +197,13 @@ class AnnotationJob:
 
         if candidates:
             self.store.add(MarkedFrame.empty(name) for name in choose_frames(candidates, lacking, uncertainty))
+
+    def _read(self, names: Sequence[str]) -> list[Image]:
+        """Returns the images of frames of the store. Raises InputError where one is not the image that was marked."""
+        images = self.images.read(names)
+        for name, image in zip(names, images, strict=True):
+            self.store.check_image(name, image)
+        return images
 
     def _detect(self, name: str, image: Image) -> DetectedShape:
         session = self.images.session_of(name)
