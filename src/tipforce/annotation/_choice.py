@@ -32,8 +32,8 @@ def choose_frames(
     """
     thumbnails = np.array([each.thumbnail for each in candidates])
     pool = farthest_points(thumbnails, min(POOL * count, len(candidates)), np.ones(len(candidates)))
-    doubtful = np.asarray(uncertainty([candidates[k] for k in pool.tolist()]), np.float64)
-    weights = CERTAIN_WEIGHT + (1.0 - CERTAIN_WEIGHT) * doubtful
+    uncertain = np.asarray(uncertainty([candidates[k] for k in pool.tolist()]), np.float64)
+    weights = CERTAIN_WEIGHT + (1.0 - CERTAIN_WEIGHT) * uncertain
     chosen = pool[farthest_points(thumbnails[pool], min(count, len(pool)), weights)]
     return [candidates[k].name for k in sorted(chosen.tolist())]
 

@@ -84,6 +84,7 @@ class AnnotationJob:
                 "away to start again"
             )
         self._detectors: dict[int, SessionDetector] = {}
+        self._shapes: dict[str, DetectedShape] = {}
 
     @property
     def finished(self) -> list[MarkedFrame]:
@@ -206,11 +207,14 @@ class AnnotationJob:
         return images
 
     def _detect(self, name: str, image: Image) -> DetectedShape:
+        if name in self._shapes:
+            return self._shapes[name]
         session = self.images.session_of(name)
         if session not in self._detectors:
             info, images = self.images.session_info[session], self.images.beforehand(session)
             self._detectors[session] = SessionDetector(self._vision, info, images)
-        return self._detectors[session].detect(image)
+        shape = self._shapes[name] = self._detectors[session].detect(image)
+        return shape
 
     def _fine_tune(
         self, annotations: Sequence[Annotation], images: Sequence[Image], progress: Progress
