@@ -36,8 +36,9 @@ PROGRESS_S = 0.5
 """Longest time between two calls of the progress while images are drawn."""
 DRAWN_SHARE, TRAINED_SHARE = 0.12, 0.96
 """Finished share of the work when the images are drawn, and when the training ends."""
-RIGHT_WITHIN_PX, RIGHT_SHARE = 4.0, 0.85
-"""A line is right if this share of its points is within this distance of the annotated line."""
+RIGHT_WITHIN_LENGTH_SHARE, RIGHT_SHARE = 0.03, 0.85
+"""A line is right if ``RIGHT_SHARE`` of its points are within this share of the catheter's length of the annotated
+line: 3 px where the network reads it."""
 
 Progress = Callable[[str, float], None]
 """Called with a description of the current work and its finished share (0..1)."""
@@ -64,7 +65,7 @@ class LocatorFigures:
 
     Attributes:
         frames: number of images with a catheter.
-        line_right: share of the images where 85 % of the points are within 4 px of the annotated line.
+        line_right: share of the images where 85 % of the points are within 3 % of the length from the annotated line.
         base_px: median distance of the base.
         tip_px: median distance of the tip, where it is not hidden; NaN if it is hidden in all images.
     """
@@ -284,8 +285,11 @@ def _left_out(annotations: Sequence[Annotation], seed: int) -> list[int]:
 
 
 def _median_length_px(annotations: Sequence[Annotation]) -> float:
-    lengths = [np.linalg.norm(np.diff(each.points_px, axis=0), axis=1).sum() for each in annotations if each.present]
-    return float(np.median(lengths))
+    return float(np.median([_length_px(each.points_px) for each in annotations if each.present]))
+
+
+def _length_px(line_px: FloatArray) -> float:
+    return float(np.linalg.norm(np.diff(line_px, axis=0), axis=1).sum())
 
 
 def _locate(network: "Locator", labelled: "LabelledImage", length_px: float) -> "LocatedPoints":
@@ -305,7 +309,7 @@ def _figures(
     tip_px: list[float] = []
     for located, image, annotation in zip(found, labelled, truth, strict=True):
         distance = _distances_px(located.points_px, image.line_px)
-        right.append(float(np.mean(distance < RIGHT_WITHIN_PX)) >= RIGHT_SHARE)
+        right.append(float(np.mean(distance < RIGHT_WITHIN_LENGTH_SHARE * _length_px(image.line_px))) >= RIGHT_SHARE)
         base_px.append(float(np.linalg.norm(located.points_px[0] - image.line_px[0])))
         if not annotation.tip_hidden:
             tip_px.append(float(np.linalg.norm(located.points_px[-1] - image.line_px[-1])))
@@ -338,7 +342,8 @@ def _card(facts: dict[str, Any]) -> str:
     judged = (
         f"Images left out of the training: {len(facts['left_out'])}.\n\n"
         f"| fine-tuning | lines right | base, px (median) | tip, px (median) |\n|---|---|---|---|\n{rows}\n"
-        f"A line is right if {RIGHT_SHARE:.0%} of its points are within {RIGHT_WITHIN_PX:.0f} px of the annotation.\n"
+        f"A line is right if {RIGHT_SHARE:.0%} of its points are within {RIGHT_WITHIN_LENGTH_SHARE:.0%} of the "
+        f"catheter's length from the annotated line.\n"
         if rows
         else f"No image was left out to judge it: that needs {MIN_ANNOTATED_TO_JUDGE} annotated images.\n"
     )
