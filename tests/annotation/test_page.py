@@ -197,7 +197,7 @@ def test_points_are_dragged_inserted_and_deleted_and_each_change_undone(user: Us
 def test_a_line_is_drawn_with_clicks_and_carried_to_the_next_frames(user: User) -> None:
     user.keys("ArrowRight")
     line = true_line(bends()[1])
-    assert user.text("#origin").startswith("The detector found no catheter. Click the base")
+    assert user.text("#origin").startswith("No catheter was detected. Click its base")
     user.click(*line[::40], line[-1])
     assert user.points(1) == pytest.approx(np.array([*line[::40], line[-1]]), abs=1.0)
     user.keys("Enter")

@@ -75,17 +75,17 @@ function originOf(kind, proposal, marks) {
   if (kind === "done") return "Done. You can still change it.";
   if (kind === "none") return "Done: no catheter in this image.";
   if (!marks.present) return "No catheter in this image? Press Done.";
-  if (editor.drawing) return marks.points.length ? "Click along the catheter; the last point is the tip." : `${noLine(proposal)}Click the base of the catheter, some points along it, and the tip.`;
+  if (editor.drawing) {
+    if (marks.points.length) return "Click along the catheter; the last point is the tip.";
+    const undetected = !frames.list[current].marks && proposal.detail;
+    return `${undetected ? "No catheter was detected. Click its base" : "Click the base of the catheter"}, some points along it, and its tip.`;
+  }
   if (kind === "marked") return "Changed by you. Press Done when the line is right.";
   if (proposal.carried_from) {
     const from = frames.list.findIndex(({ name }) => name === proposal.carried_from);
     return `Line carried over from frame ${from + 1}. Correct it, or press Done.`;
   }
   return "Line of the detector. Correct it, or press Done.";
-}
-
-function noLine(proposal) {
-  return frames.list[current].marks || !proposal.detail ? "" : "The detector found no catheter. ";
 }
 
 async function go(index) {

@@ -26,7 +26,7 @@ export class Training {
     element("train").disabled = lacking > 0;
     element("train").hidden = running;
     element("train-note").textContent = lacking > 0
-      ? `finish ${lacking} more ${lacking === 1 ? "frame" : "frames"} with a catheter`
+      ? `${lacking} more ${lacking === 1 ? "frame" : "frames"} needed`
       : this.frames.withCatheter < 8 ? "works; 8 frames are better" : "about 3 minutes";
   }
 
