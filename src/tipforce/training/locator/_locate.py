@@ -62,7 +62,8 @@ def locate_points(
         stated(None if side is None else (float(side),), 1), stated(None, 2), torch.full((1, 1, 2), math.nan),
         torch.full((1, 2, 2), math.nan), stated(sizes, 2, scale),
     )  # fmt: skip
-    outputs = network(network_input(torch.from_numpy(np.asarray(padded, np.uint8))[None], channels))
+    x = network_input(torch.from_numpy(np.asarray(padded, np.uint8))[None], channels)
+    outputs = network(x.contiguous(memory_format=torch.channels_last))
     points, mass = heat_peaks(outputs.heat)
     return LocatedPoints(
         (points[0].numpy().astype(np.float64) + 0.5) / scale - 0.5,
