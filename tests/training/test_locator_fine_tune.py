@@ -108,6 +108,15 @@ def test_the_seed_decides_and_the_frozen_part_stays(network):
     assert not torch.equal(first.network.head.weight, network.head.weight)
 
 
+def test_the_result_is_between_the_initial_and_the_trained_weights(network):
+    trained, mixed = (
+        fine_tune(network, [example(0)], [example(2)], FineTuneSettings(steps=1, batch=2, tuned_share=share)).network
+        for share in (1.0, 0.5)
+    )
+    expected = 0.5 * (network.head.weight + trained.head.weight)
+    assert torch.allclose(mixed.head.weight, expected, atol=1e-7)
+
+
 def test_a_training_that_is_cancelled_raises_what_the_caller_raised(network):
     def cancel(_text: str, _share: float) -> None:
         raise KeyboardInterrupt

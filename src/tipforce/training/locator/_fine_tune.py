@@ -1,6 +1,9 @@
 """Fine-tunes the locator on a few annotated images; images of its first training go along, so that it does not forget.
 
-Batch normalisation keeps its statistics: a handful of images would replace them by those of one bench.
+Batch normalisation keeps its statistics: a handful of images would replace them by those of one bench. The result is
+the mean of the weights before and after (Wortsman et al. 2022, "Robust fine-tuning"). Measured on one `varied` bench
+with ten annotated frames, 120 steps: the weights after the training find 2.4 % fewer lines in windows held out, their
+mean with the initial ones as many as before; the tip is within 5 px on that bench with both, and was not before.
 """
 
 import copy
@@ -42,14 +45,16 @@ class FineTuneSettings:
         rate: learning rate at the beginning; it falls linearly to 0.
         trained: parts of the network that are trained: "all", "late" (the deep half of the encoder, and the decoder) or
             "decoder".
+        tuned_share: share of the trained weights in the result; the rest is that of the initial weights.
         seed: seed of the windows.
         max_seconds: the number of steps is reduced where they would take longer.
     """
 
-    steps: int = 160
+    steps: int = 120
     batch: int = 16
     rate: float = 3e-4
     trained: Literal["all", "late", "decoder"] = "late"
+    tuned_share: float = 0.5
     seed: int = 0
     max_seconds: float = 150.0
 
@@ -113,6 +118,9 @@ def fine_tune(
             if step % MEASURED_STEPS == 0:
                 possible = int(settings.max_seconds * step / max(time.monotonic() - began, 1e-9))
                 steps = min(steps, max(possible, MEASURED_STEPS))
+    with torch.no_grad():
+        for initial, trained in zip(network.parameters(), tuned.parameters(), strict=True):
+            trained.copy_(torch.lerp(initial, trained, settings.tuned_share))
     return FineTuned(tuned.requires_grad_(True), steps, time.monotonic() - began)
 
 
