@@ -9,6 +9,7 @@ from ._session_metadata import missing_metadata
 from .fusion import Fusion, FusionSettings
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
 from .rod import NoiseSettings, PriorSettings, Rod, RodSettings, RodTrack, RodTrackSettings
+from .session import SessionModel, SessionSettings
 from .shape import AngleSettings, ShapeFacts, ShapeRegressor, ShapeRegressorSettings, WindowSettings
 from .store import (
     FORMAT_VERSION,
@@ -51,6 +52,8 @@ __all__ = [
     "RodSettings",
     "RodTrack",
     "RodTrackSettings",
+    "SessionModel",
+    "SessionSettings",
     "ShapeFacts",
     "ShapeRegressor",
     "ShapeRegressorSettings",

@@ -18,6 +18,7 @@ ESTIMATORS: Registry[type[Estimator]] = Registry(
         "compact": "tipforce.estimators.networks:Compact",
         "rod": "tipforce.estimators.rod:Rod",
         "rod-track": "tipforce.estimators.rod:RodTrack",
+        "session": "tipforce.estimators.session:SessionModel",
         "fusion": "tipforce.estimators.fusion:Fusion",
         "beam": "tipforce.estimators.rod_models:Beam",
         "links": "tipforce.estimators.rod_models:Links",

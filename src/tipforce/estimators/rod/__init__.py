@@ -1,28 +1,39 @@
 """Forces by the rod's mechanics: one frame, and all frames so far."""
 
+from ._calibration import Widths
 from ._detection import Detected, Detection
 from ._facts import RodFacts
-from ._knowledge import MODES, Knowledge, LineError, rod_model, stated_stds
+from ._knowledge import MODES, Knowledge, LineError, noise_unit_m, rod_model, stated_stds
 from ._lines import POINTS, LineFrame
-from ._settings import NoiseSettings, PriorSettings, RodSettings, RodTrackSettings
-from .rod import Rod
+from ._noise_level import NoiseLevel
+from ._posterior import Mixed
+from ._settings import ConstantPriors, LineSettings, NoiseSettings, PriorSettings, RodSettings, RodTrackSettings
+from .rod import Rod, RodEstimator, actuation_out_of_range
 from .rod_track import RodTrack
 
 __all__ = [
     "MODES",
     "POINTS",
+    "ConstantPriors",
     "Detected",
     "Detection",
     "Knowledge",
     "LineError",
     "LineFrame",
+    "LineSettings",
+    "Mixed",
+    "NoiseLevel",
     "NoiseSettings",
     "PriorSettings",
     "Rod",
+    "RodEstimator",
     "RodFacts",
     "RodSettings",
     "RodTrack",
     "RodTrackSettings",
+    "Widths",
+    "actuation_out_of_range",
+    "noise_unit_m",
     "rod_model",
     "stated_stds",
 ]

@@ -13,7 +13,7 @@ from ...mechanics import LineNoise
 from ...mechanics.planar import FORCE, UNKNOWNS, Model
 from ...types import FloatArray, SessionInfo
 from ._lines import POINTS
-from ._settings import NoiseSettings, RodSettings
+from ._settings import LineSettings, NoiseSettings
 
 MODES = 6
 """Number of error shapes of a session that are unknowns of `rod-track`; the rest counts as independent noise."""
@@ -98,7 +98,7 @@ class Knowledge:
     sessions: int = 0
 
     @classmethod
-    def stated(cls, settings: RodSettings) -> Self:
+    def stated(cls, settings: LineSettings) -> Self:
         """Returns the knowledge that the settings state."""
         prior = settings.prior
         mean = np.zeros(len(UNKNOWNS) - FORCE)
@@ -112,7 +112,7 @@ class Knowledge:
         ]  # fmt: skip
         return cls(mean, np.diag(np.square(std)), prior.contact_share)
 
-    def for_session(self, settings: RodSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
+    def for_session(self, settings: LineSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of the constants at a knob angle; NaN: there is none."""
         mean, covariance = self.constants.copy(), self.constants_covariance.copy()
         for at, std in stated_stds(info, settings.vision.view).items():

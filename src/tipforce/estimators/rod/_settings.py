@@ -12,7 +12,7 @@ _Share = Annotated[float, Field(gt=0, lt=0.5)]
 _FROZEN = ConfigDict(frozen=True, extra="forbid")
 
 
-class PriorSettings(BaseModel):
+class ConstantPriors(BaseModel):
     """Priors of a session before its first image; each is a Gaussian about the value in the session metadata.
 
     The metadata may state how well they are known: then that holds for stiffness, length, scale and tilt in place of
@@ -21,12 +21,6 @@ class PriorSettings(BaseModel):
 
     model_config = _FROZEN
 
-    force_n: _Std = 0.25
-    """Each component of the force in contact, in the fit of the rod."""
-    force_scale_n: _Std = 0.12
-    """Scale of the force's distribution in contact, a bivariate Student's. Forces that pull at the tip are excluded."""
-    force_freedom: _Std = 3.0
-    """Its degrees of freedom: so few that it has a heavy tail, which draws no large force to the usual ones."""
     contact_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """Share of frames in which the tip touches."""
     stiffness: _Share = 0.05
@@ -60,6 +54,17 @@ class PriorSettings(BaseModel):
     """Share by which the bend grows under a steady force; a polymer shaft has some percent."""
     creep_std: _Share = 0.02
 
+
+class PriorSettings(ConstantPriors):
+    """Priors of `rod` and `rod-track`: those of the constants, and of the force."""
+
+    force_n: _Std = 0.25
+    """Each component of the force in contact, in the fit of the rod."""
+    force_scale_n: _Std = 0.12
+    """Scale of the force's distribution in contact, a bivariate Student's. Forces that pull at the tip are excluded."""
+    force_freedom: _Std = 3.0
+    """Its degrees of freedom: so few that it has a heavy tail, which draws no large force to the usual ones."""
+
     def of_force(self) -> ForcePrior:
         """The prior of the force."""
         return ForcePrior(self.force_n, self.force_scale_n, self.force_freedom)
@@ -89,13 +94,13 @@ class NoiseSettings(BaseModel):
     """Weight of the stated level, in frames."""
 
 
-class RodSettings(BaseModel):
-    """Force by the rod's mechanics from one centreline and the actuation."""
+class LineSettings(BaseModel):
+    """Settings of every method that fits a rod to the centreline."""
 
     model_config = _FROZEN
 
     vision: VisionSettings = VisionSettings()
-    prior: PriorSettings = PriorSettings()
+    prior: ConstantPriors = ConstantPriors()
     noise: NoiseSettings = NoiseSettings()
     learn: bool = True
     """Whether `fit` learns priors from sessions with forces: stiffness, knob, clamp, camera, noise and the
@@ -106,18 +111,24 @@ class RodSettings(BaseModel):
     """Number of segments of the flexible length."""
     max_misfit: _Std = 2.0
     """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
+    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate."""
+    max_precurvature_per_m: _Std = 60.0
+    """Abstains where the knob asks for more."""
+
+
+class RodSettings(LineSettings):
+    """Force by the rod's mechanics from one centreline and the actuation."""
+
+    prior: PriorSettings = PriorSettings()  # pyright: ignore[reportIncompatibleVariableOverride] (frozen)
     max_off: _Std = 2.1
     """Abstains where a session's constants are further from their priors, mean square in the priors' variances: for 13
     constants chance exceeds this in 1 % (chi-squared)."""
     max_std_n: _Std = 1.2
     """Abstains where the image alone leaves a direction of the force open by more than this."""
-    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate."""
     sure_n: _Std = 0.3
     """Where the force is known worse than this in some direction, evidence against contact counts less than half: a
     push along the axis of a straight shaft looks like none."""
-    max_precurvature_per_m: _Std = 60.0
-    """Abstains where the knob asks for more."""
 
 
 class RodTrackSettings(RodSettings):

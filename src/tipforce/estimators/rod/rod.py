@@ -29,7 +29,7 @@ from ._learning import learn
 from ._lines import POINTS
 from ._noise_level import noisier
 from ._outcome import Outcome, estimate_of, tempered
-from ._settings import RodSettings
+from ._settings import LineSettings, RodSettings
 
 _STEPS = 60
 _NOISIER, _MISFITS = 2, 1.5
@@ -43,13 +43,13 @@ class _Fitted:
 
 
 class RodEstimator(CentrelineEstimator):
-    """Base class of `rod` and `rod-track`, without the stream. Before `fit`, ``fitted_`` holds the settings' own."""
+    """Base class of `rod`, `rod-track` and `session`; before `fit`, ``fitted_`` holds the settings' own."""
 
     settings_type = RodSettings
-    settings: RodSettings
+    settings: LineSettings
     needs_fit: ClassVar[bool] = False
 
-    def __init__(self, settings: RodSettings | None = None) -> None:
+    def __init__(self, settings: LineSettings | None = None) -> None:
         super().__init__(settings)
         self.fitted_ = _Fitted(Knowledge.stated(self.settings), Widths())
 
@@ -121,6 +121,7 @@ class Rod(RodEstimator):
         """A stream for one session; see `Estimator.start`."""
         if missing := missing_metadata(self.required_metadata, info):
             return UninformedStream(missing)
+        assert isinstance(self.settings, RodSettings)
         return RodStream(self.settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
 
 
@@ -156,7 +157,7 @@ class RodStream:
         return self._solver.solve(detected.line(), detected.frame.scale_m_per_px, mean, covariance)
 
 
-def actuation_out_of_range(settings: RodSettings, info: SessionInfo, knob_deg: float) -> Abstention | None:
+def actuation_out_of_range(settings: LineSettings, info: SessionInfo, knob_deg: float) -> Abstention | None:
     """Why there is no estimate at this knob angle, or None."""
     gain = info.actuation.knob_gain_per_m_deg
     if gain is None or math.isnan(knob_deg) or abs(gain * knob_deg) <= settings.max_precurvature_per_m:

@@ -1,7 +1,7 @@
 """The elastica in the plane: its equilibrium under a load, and the force from a detected line."""
 
-from ._cholesky import inverse
-from ._line_fit import FORCE, UNKNOWNS, Found, Line, Model, Work, fit_line, make_work, predict_line
+from ._cholesky import factorise, inverse, solve_in
+from ._line_fit import FORCE, UNKNOWNS, Found, Line, Model, Work, fit_line, is_possible, make_work, predict_line
 from ._rod import PlanarRod
 
 __all__ = [
@@ -12,8 +12,11 @@ __all__ = [
     "Model",
     "PlanarRod",
     "Work",
+    "factorise",
     "fit_line",
     "inverse",
+    "is_possible",
     "make_work",
     "predict_line",
+    "solve_in",
 ]

@@ -175,8 +175,13 @@ def _load(q: FloatArray, line: Line) -> tuple[float, float]:
 
 
 @compiled
-def _is_possible(q: FloatArray, model: Model) -> bool:
-    """Returns whether such a rod exists, with a load in the range of the solver; NaN: False."""
+def is_possible(q: FloatArray, model: Model) -> bool:
+    """Returns whether such a rod exists, with a load in the range of the solver; NaN: False.
+
+    Args:
+        q: (unknowns,) values of `UNKNOWNS`; the rest is ignored.
+        model: the rod.
+    """
     size = math.hypot(q[_FX], q[_FY]) * model.flexible_m**2 / model.stiffness_nm2
     stiff = min(1.0 + q[_EI], 1.0 + q[_PROXIMAL], 1.0 + q[_LENGTH], 1.0 + q[_SCALE]) > 0.3
     bend = abs(q[_K0]) * model.flexible_m
@@ -480,7 +485,7 @@ def fit_line(
         for i in range(work.theta.size):
             work.kept[i] = work.theta[i]
         converged, stable_there, firm_there = False, False, 0.0
-        if _is_possible(work.tried, model):
+        if is_possible(work.tried, model):
             converged, stable_there, firm_there = _solve_shape(work.tried, model, line, work, cold and iteration < 0)
         turned = 0.0
         if iteration >= 0:

@@ -1,0 +1,339 @@
+"""Checks the session model's inference against long Markov chains of the same model.
+
+    .venv/bin/python -m bench.studies.session_mcmc --lines DIR --sessions 10 --out chains.json
+
+Of each session some frames, first without contact, then in contact, are given to `SessionFilter`, which learns from
+each. The same posterior (constants of the session, a force and a lever for each frame) is sampled by Hamiltonian Monte
+Carlo with the Hessian as its mass. Compared is the magnitude in the last frame, and the stiffness and the unloaded
+curvature. Lines are from `session_posterior`. Creep and drift are left out of both, the knob has no play, the lever is
+new in each frame, and the chain knows where the tip touches.
+"""
+
+import argparse
+import json
+import math
+import pickle
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from bench.studies.session_posterior import BaseFrame, Lines
+from numba import njit
+
+from tipforce.estimators.rod import POINTS, Knowledge, NoiseSettings, rod_model
+from tipforce.estimators.session import SessionFilter, SessionPriors, SessionSettings
+from tipforce.estimators.session._state import COUNT, GAIN, K0, SessionState, fill_camera_modes
+from tipforce.estimators.session._walk import Scratch, Session, make_scratch, predict
+from tipforce.mechanics.planar import FORCE, UNKNOWNS, Line, make_work
+from tipforce.types import CentrelinePx, FloatArray
+
+EI = UNKNOWNS.index("stiffness")
+SHARED = COUNT - FORCE - 1
+"""Number of unknowns that all frames share: all but the force and the lever."""
+PER_FRAME = 3
+SETTINGS = SessionSettings(
+    prior=SessionPriors(creep=0.0, creep_std=1e-5, knob_play_deg=0.0, friction_s=1e-3, contact_share=0.5),
+    update_s=0.0, line_error_s=1e6, knob_drift=1e-6, base_walk_m=0.0, base_walk_deg=0.0, contact_s=1e6, gap_s=1e6,
+    huber=1e3, max_misfit=1e3, noise=NoiseSettings(level_frames=1e6),
+)  # fmt: skip
+
+
+class Frames(NamedTuple):
+    """Lines of one session, (n, ...): see `Line`; ``touching`` (n,), ``knob_deg`` (n,), ``modes`` (n, ...)."""
+
+    points: FloatArray
+    normals: FloatArray
+    from_tip: FloatArray
+    middle: FloatArray
+    knob_deg: FloatArray
+    touching: np.ndarray
+    modes: FloatArray
+
+
+@njit(cache=True, nogil=True)
+def density(
+    x: FloatArray,
+    mean: FloatArray,
+    information: FloatArray,
+    frames: Frames,
+    session: Session,
+    theta: FloatArray,
+    scratch: Scratch,
+    gradient: FloatArray,
+    hessian: FloatArray,
+    curved: bool = False,
+) -> float:
+    """Log density at ``x``: shared unknowns, then force and lever of each frame. Fills gradient, then information."""
+    gradient[:] = 0.0
+    hessian[:] = 0.0
+    value = 0.0
+    apart = x[:SHARED] - mean
+    pull = information @ apart
+    value -= 0.5 * apart @ pull
+    gradient[:SHARED] -= pull
+    hessian[:SHARED, :SHARED] += information
+    q = np.zeros(COUNT)
+    rows = POINTS + 1
+    index = np.zeros(COUNT, np.int64)
+    for t in range(len(frames.knob_deg)):
+        own = SHARED + PER_FRAME * t
+        q[FORCE : COUNT - 1] = x[:SHARED]
+        for k in range(SHARED):
+            index[FORCE + k] = k
+        index[0], index[1], index[COUNT - 1] = own, own + 1, own + 2
+        q[0], q[1], q[COUNT - 1] = x[own], x[own + 1], x[own + 2]
+        value -= 0.5 * q[COUNT - 1] ** 2
+        gradient[own + 2] -= q[COUNT - 1]
+        hessian[own + 2, own + 2] += 1.0
+        if not frames.touching[t]:  # the force is held
+            value -= 0.5 * 1e12 * (q[0] ** 2 + q[1] ** 2)
+            for k in range(2):
+                gradient[own + k] -= 1e12 * q[k]
+                hessian[own + k, own + k] += 1e12
+        else:
+            # flat in units of the stiffness; the last force has the prior that is uniform in its magnitude
+            size = math.hypot(q[0], q[1])
+            if size > session.largest_n:
+                return -math.inf
+            if t < len(frames.knob_deg) - 1:
+                value -= 2.0 * math.log(1.0 + q[EI])
+                gradient[EI - FORCE] -= 2.0 / (1.0 + q[EI])
+            else:
+                value -= math.log(size)
+                for k in range(2):
+                    gradient[own + k] -= q[k] / size**2
+        line = Line(frames.points[t], frames.normals[t], frames.from_tip[t], frames.middle[t], np.zeros(2))
+        now = Session(
+            session.model, frames.modes[t], session.whiten, session.gain_per_m_deg, frames.knob_deg[t],
+            session.lever_per_m_n, session.huber, session.largest_n,
+        )  # fmt: skip
+        scratch.rod.theta[:] = theta[t]
+        if not predict(q, now, line, scratch):
+            return -math.inf
+        theta[t] = scratch.rod.theta
+        angle = theta[t, -1]
+        if frames.touching[t] and q[0] * math.cos(angle) + q[1] * math.sin(angle) > 0.0:
+            return -math.inf
+        white = session.whiten @ scratch.rod.slopes
+        residual = session.whiten @ scratch.rod.residual
+        value -= 0.5 * residual @ residual
+        for a in range(COUNT):
+            for i in range(rows):
+                gradient[index[a]] += white[i, a] * residual[i]
+        if curved:
+            matrix = white.T @ white
+            for a in range(COUNT):
+                for b in range(COUNT):
+                    hessian[index[a], index[b]] += matrix[a, b]
+    return value
+
+
+@njit(cache=True, nogil=True)
+def hamiltonian(
+    x: FloatArray,
+    root: FloatArray,
+    mean: FloatArray,
+    information: FloatArray,
+    frames: Frames,
+    session: Session,
+    theta: FloatArray,
+    scratch: Scratch,
+    burn: int,
+    leaps: int,
+    normal: FloatArray,
+    uniform: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Samples (kept, n) from ``x`` on, and the share that was accepted; ``root``: of the inverse mass.
+
+    ``normal`` (burn + kept, n), ``uniform`` (burn + kept, 2): random numbers. The step adapts in the first ``burn``.
+    """
+    n = x.size
+    kept = len(normal) - burn
+    gradient, hessian = np.zeros(n), np.zeros((n, n))
+    trial_gradient = np.zeros(n)
+    value = density(x, mean, information, frames, session, theta, scratch, gradient, hessian)
+    found, accepted, step = np.zeros((kept, n)), 0.0, 0.3
+    for k in range(burn + kept):
+        momentum = normal[k]
+        at, energy = x.copy(), value - 0.5 * momentum @ momentum
+        trial_gradient[:] = gradient
+        trial = value
+        size = step * (0.5 + uniform[k, 0])
+        before = theta.copy()
+        for _ in range(leaps):
+            momentum = momentum + 0.5 * size * (root.T @ trial_gradient)
+            at = at + size * (root @ momentum)
+            trial = density(at, mean, information, frames, session, theta, scratch, trial_gradient, hessian)
+            if trial == -math.inf:
+                break
+            momentum = momentum + 0.5 * size * (root.T @ trial_gradient)
+        chance = 0.0
+        if trial > -math.inf:
+            chance = min(1.0, math.exp(min(0.0, trial - 0.5 * momentum @ momentum - energy)))
+        if uniform[k, 1] < chance:
+            x, value = at, trial
+            gradient[:] = trial_gradient
+        else:
+            theta[:] = before
+        if k < burn:
+            step = min(1.0, max(1e-3, step * math.exp(0.1 * (chance - 0.8))))
+        else:
+            found[k - burn] = x
+            accepted += chance / kept
+    return found, accepted
+
+
+class Posterior(NamedTuple):
+    """Posterior: last magnitude (mean, 5 and 95 % quantiles); stiffness and unloaded curvature (mean, std)."""
+
+    force_n: tuple[float, float, float]
+    stiffness: tuple[float, float]
+    curvature_per_m: tuple[float, float]
+
+
+def by_filter(
+    lines: Sequence[Line], knobs: FloatArray, scale: float, info: Any
+) -> tuple[Posterior, SessionFilter, Any]:
+    """Returns the posterior of the filter, itself, and the last force with its prior's state."""
+    model = rod_model(info, SETTINGS.segments)
+    filter_ = SessionFilter(SETTINGS, Knowledge.stated(SETTINGS), model, info)
+    answer: Any = None
+    for line, knob in zip(lines, knobs.tolist(), strict=True):
+        answer = filter_.step(line, scale, knob, 2.0)
+    state = filter_.state
+    assert state is not None
+    force = answer.force
+    posterior = Posterior(
+        (float(np.hypot(*force.force_n)), float(force.low_n[2]), float(force.high_n[2])),
+        (float(state.mean[EI]), math.sqrt(float(state.covariance[EI, EI]))),
+        state.unloaded_curvature_per_m(),
+    )
+    return posterior, filter_, answer
+
+
+def by_chain(
+    lines: Sequence[Line],
+    knobs: FloatArray,
+    touching: np.ndarray,
+    filter_: SessionFilter,
+    info: Any,
+    seed: int,
+    starts_n: FloatArray,
+    kept: int,
+) -> tuple[Posterior, dict[str, float]]:
+    """Returns the posterior of the chain, and figures of the chain."""
+    fresh = SessionState(SETTINGS, Knowledge.stated(SETTINGS), info, float(knobs[0]))
+    model, scratch = filter_._model, make_scratch(make_work(filter_._model, POINTS, COUNT), COUNT)
+    modes = []
+    for line in lines:
+        fill_camera_modes(filter_._modes, line, model, SETTINGS)
+        modes.append(filter_._modes.copy())
+    frames = Frames(
+        *(np.array([getattr(line, name) for line in lines]) for name in ("points", "normals", "from_tip", "middle")),
+        knobs, touching, np.array(modes),
+    )  # fmt: skip
+    fresh.knob_deg = float(knobs[-1])
+    session = filter_._session(fresh)
+    mean = fresh.mean[FORCE : COUNT - 1].copy()
+    information = np.linalg.inv(fresh.covariance[FORCE : COUNT - 1, FORCE : COUNT - 1])
+    state = filter_.state
+    assert state is not None
+    x = np.concatenate([state.mean[FORCE : COUNT - 1], np.column_stack([starts_n, np.zeros(len(lines))]).ravel()])
+    n = len(x)
+    theta = np.tile(filter_._shapes["touch"], (len(lines), 1))
+    gradient, hessian = np.zeros(n), np.zeros((n, n))
+    value = -math.inf
+    for _ in range(60):  # to the neighbourhood of the maximum
+        value = density(x, mean, information, frames, session, theta, scratch, gradient, hessian, True)
+        step = np.linalg.solve(hessian, gradient)
+        share, then = 1.0, -math.inf
+        while share > 1e-3:
+            then = density(x + share * step, mean, information, frames, session, theta, scratch, gradient, hessian)
+            if then >= value:
+                break
+            share *= 0.5
+        if then <= value + 1e-3:
+            break
+        x = x + share * step
+    density(x, mean, information, frames, session, theta, scratch, gradient, hessian, True)
+    root = np.linalg.inv(np.linalg.cholesky(hessian)).T
+    rng = np.random.default_rng([seed, 79])
+    for burn, count in (
+        (600, 1200),
+        (600, 1200),
+        (600, kept),
+    ):  # the mass: first the Hessian
+        found, accepted = hamiltonian(
+            x, np.ascontiguousarray(root), mean, information, frames, session, theta, scratch, burn, 12,
+            rng.standard_normal((burn + count, n)), rng.random((burn + count, 2)),
+        )  # fmt: skip
+        x = found[-1]
+        hessian_like = np.cov(found.T) + 0.05 * root @ root.T
+        root = np.linalg.cholesky(hessian_like)
+    last = found[:, SHARED + PER_FRAME * (len(lines) - 1) :]
+    size = np.hypot(last[:, 0], last[:, 1])
+    gain, knob = fresh.gain_per_m_deg, fresh.knob_deg
+    curvature = found[:, K0 - FORCE] + gain * knob * (1.0 + found[:, GAIN - FORCE])
+    halves = size[: kept // 2], size[kept // 2 :]
+    posterior = Posterior(
+        (float(np.hypot(last[:, 0].mean(), last[:, 1].mean())), *np.quantile(size, [0.05, 0.95]).tolist()),
+        (float(found[:, EI - FORCE].mean()), float(found[:, EI - FORCE].std())),
+        (float(curvature.mean()), float(curvature.std())),
+    )
+    return posterior, {"accepted": accepted, "halves_apart_n": float(abs(halves[0].mean() - halves[1].mean()))}
+
+
+def chains(lines_of: Lines, free: int, touching: int, kept: int) -> dict[str, Any]:
+    """Compares filter and chain on one session."""
+    seen, frame = lines_of.seen_px(), BaseFrame(lines_of)
+    rng = np.random.default_rng([*lines_of.seed, 78])
+    none = np.flatnonzero(~lines_of.touching & (lines_of.time_s < 5.0))
+    push = np.flatnonzero(lines_of.touching & (lines_of.size_n > 0.03))
+    chosen = np.concatenate([np.sort(rng.choice(none, free)), np.sort(rng.choice(push, touching))])
+    lines = [frame.line(CentrelinePx(seen[k])) for k in chosen]
+    gain = lines_of.info.actuation.knob_gain_per_m_deg
+    assert gain is not None
+    knobs = lines_of.curvature_per_m[chosen] / gain  # without play and drift
+    contact = lines_of.touching[chosen]
+    filtered, filter_, answer = by_filter(lines, knobs, frame.scale_m_per_px, lines_of.info)
+    starts = lines_of.force_n[chosen, :2].copy()
+    starts[~contact] = 0.0
+    chain, figures = by_chain(lines, knobs, contact, filter_, lines_of.info, lines_of.seed[1], starts, kept)
+    return {
+        "session": lines_of.seed, "truth_n": float(lines_of.size_n[chosen[-1]]), "contact": answer.force.contact,
+        "filter": filtered._asdict(), "chain": chain._asdict(), **figures,
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Runs one of the checks."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--lines", type=Path, required=True)
+    parser.add_argument("--sessions", type=int, default=10)
+    parser.add_argument("--free", type=int, default=4)
+    parser.add_argument("--touching", type=int, default=4)
+    parser.add_argument("--kept", type=int, default=3000)
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    rows = []
+    for place in sorted(options.lines.glob("*.pickle"))[: options.sessions]:
+        row = chains(pickle.loads(place.read_bytes()), options.free, options.touching, options.kept)
+        rows.append(row)
+        options.out.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        ends = " ".join(
+            f"{name} {1e3 * row[name]['force_n'][0]:.0f} [{1e3 * row[name]['force_n'][1]:.0f}, "
+            f"{1e3 * row[name]['force_n'][2]:.0f}] EI {row[name]['stiffness'][0]:+.3f} +- "
+            f"{row[name]['stiffness'][1]:.3f} k0 {row[name]['curvature_per_m'][0]:.2f} +- "
+            f"{row[name]['curvature_per_m'][1]:.2f};"
+            for name in ("filter", "chain")
+        )
+        print(
+            f"{row['session'][1]:3d} true {1e3 * row['truth_n']:.0f} mN; {ends} accepted {row['accepted']:.2f}, halves "
+            f"{1e3 * row['halves_apart_n']:.1f} mN apart",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,388 @@
+"""The session model on true lines: errors, intervals and answers of the estimators that read the catheter's line.
+
+    .venv/bin/python -m bench.studies.session_posterior lines --seed 61000 --sessions 16 --out DIR
+    .venv/bin/python -m bench.studies.session_posterior score --lines DIR --method rod-track --out scores.json
+    .venv/bin/python -m bench.studies.session_posterior table scores.json ...
+
+``lines`` simulates sessions of a preset and draws no image: the true centreline is projected through the true camera
+and gets an error like that of detected lines (`CENTRELINE_NOISE` of ``bench-2021``, the lasting part drawn once a
+session). ``score`` gives these lines and the knob's readings to a method and keeps its estimate for every
+``--every``-th frame in contact. ``--known`` gives the truth in place of priors: ``base`` (position and direction of the
+base, and the camera), ``knob`` (these and the curvature of the unloaded shaft), ``all`` (these, stiffness and length).
+``table`` prints errors in all frames and by force and angle. Coverage is also shown as the range of its standard error
+over sessions, because the errors of a session go together.
+"""
+
+import argparse
+import json
+import pickle
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tipforce.clinical import CONTACT_N
+from tipforce.estimators.rod import (
+    ConstantPriors,
+    Detected,
+    LineFrame,
+    LineSettings,
+    Rod,
+    RodSettings,
+    RodTrack,
+    RodTrackSettings,
+)  # fmt: skip
+from tipforce.estimators.session import SessionModel, SessionSettings
+from tipforce.geometry import arc_length
+from tipforce.limits import CENTRELINE_NOISE
+from tipforce.mechanics import LineNoise
+from tipforce.mechanics.planar import Line
+from tipforce.simulation import PRESETS, SimulatedBench
+from tipforce.types import CentrelinePx, DetectedShape, FloatArray, Observation, SessionInfo, Status
+
+KNOWN = ("nothing", "base", "knob", "all")
+WRONG_N = 0.05
+"""An error of the magnitude beyond this counts as wrong."""
+NARROW_N = 0.1
+"""Widest 90 % interval of the answers that the table also shows alone."""
+NOISE_PRESET, NOISE_PIXEL_M, NOISE_PIXELS = "bench-2021", 0.2e-3, 240.0
+"""Preset whose measured line noise is added, its pixel, and the length in px of the lines that it was measured on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """The lines of one session with their truth.
+
+    Attributes:
+        info: the session metadata.
+        time_s: (n,) times of the frames.
+        knob_deg: (n,) newest reading of the knob at each frame.
+        points_px: (n, p, 2) true centreline in the image, base to tip.
+        points_m: (n, p, 2) the same in the plane of bending, base frame.
+        size_px: width and height of the image.
+        force_n: (n, 3) true force.
+        touching: (n,) whether the tip is in contact.
+        curvature_per_m: (n,) true curvature of the unloaded shaft.
+        stiffness_nm2: true stiffness.
+        flexible_length_m: true length of the flexible part.
+        stiffening_m2: growth of the stiffness with the square of the curvature.
+        proximal: share by which the third next to the base is stiffer.
+        creep: share of creep.
+        seed: seed and number of the session.
+    """
+
+    info: SessionInfo
+    time_s: FloatArray
+    knob_deg: FloatArray
+    points_px: FloatArray
+    points_m: FloatArray
+    size_px: tuple[int, int]
+    force_n: FloatArray
+    touching: np.ndarray
+    curvature_per_m: FloatArray
+    stiffness_nm2: float
+    flexible_length_m: float
+    stiffening_m2: float
+    proximal: float
+    creep: float
+    seed: tuple[int, int]
+
+    @classmethod
+    def of(cls, preset: str, seed: int, number: int) -> "Lines":
+        """Simulates a session; see the class."""
+        bench = SimulatedBench(PRESETS[preset], seed, number)
+        when, trajectory = bench.interpolator, bench.trajectory
+        stamps, knob = bench.knob_log()
+        newest = np.searchsorted(stamps, bench.stamp_ns, side="right") - 1
+        lines = when.lines_m(bench.frame_s)
+        camera = bench.imaging.camera(bench.views[0])
+        pixels = camera.project(lines.reshape(-1, 3)).reshape(*lines.shape[:2], 2)
+        shaft, device = bench.settings.world.shaft, bench.session.bench_model.parameters.device
+        return cls(
+            bench.session_info, bench.frame_s, knob[newest], pixels, lines[..., :2],
+            (bench.settings.width, bench.settings.height), when.at(trajectory.contact.force_n, bench.frame_s),
+            trajectory.contact.touching[when.nearest(bench.frame_s)],
+            when.at(trajectory.curvature_per_m, bench.frame_s), device.stiffness_nm2, device.flexible_length_m,
+            shaft.stiffening_curvature_per_m**-2, shaft.proximal_stiffer, shaft.creep_share, (seed, number),
+        )  # fmt: skip
+
+    @property
+    def angle_deg(self) -> FloatArray:
+        """(n,) angle between the force and the tip's axis, 0: it pushes along the axis."""
+        axis = self.points_m[:, -1] - self.points_m[:, -2]
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        push = -np.sum(axis * self.force_n[:, :2], axis=1)
+        return np.degrees(np.arccos(np.clip(push / np.maximum(self.size_n, 1e-9), -1.0, 1.0)))
+
+    @property
+    def size_n(self) -> FloatArray:
+        """(n,) magnitude of the force in the plane."""
+        return np.linalg.norm(self.force_n[:, :2], axis=1)
+
+    def knowing(self, known: str) -> "Lines":
+        """Returns the session as a camera without tilt, with its base at the border, would see it; see the module."""
+        if known == "nothing":
+            return self
+        scale = self.info.view("camera").metres_per_px or NOISE_PIXEL_M
+        pixels = self.points_m / scale * (1.0, -1.0) + (-0.5, 0.5 * (self.size_px[1] - 1))
+        view = replace(
+            self.info.views["camera"], base_side="left", metres_per_px_uncertainty=1e-3, tilt_uncertainty_deg=0.02
+        )
+        info, knob = replace(self.info, views={"camera": view}), self.knob_deg
+        gain = info.actuation.knob_gain_per_m_deg
+        if known in ("knob", "all") and gain is not None:
+            knob = self.curvature_per_m / gain
+        if known == "all":
+            catheter = replace(
+                info.catheter, flexible_length_m=self.flexible_length_m, bending_stiffness_nm2=self.stiffness_nm2,
+                flexible_length_uncertainty=1e-3, bending_stiffness_uncertainty=1e-3,
+            )  # fmt: skip
+            info = replace(info, catheter=catheter)
+        return replace(self, info=info, points_px=pixels, knob_deg=knob)
+
+    def prior(self, known: str, usual: ConstantPriors) -> ConstantPriors:
+        """Returns the prior with the truth in place of the known constants."""
+        prior = usual
+        if known != "nothing":
+            prior = prior.model_copy(
+                update={
+                    "base_position_m": 1e-5, "base_angle_deg": 0.01, "tilt_per_m": 1e-3, "distortion_per_m2": 1e-3,
+                    "scale": 1e-3,
+                }
+            )  # fmt: skip
+        if known in ("knob", "all"):
+            prior = prior.model_copy(update={"precurvature_per_m": 0.02, "knob_gain": 1e-3, "knob_play_deg": 0.0})
+        if known == "all":
+            prior = prior.model_copy(
+                update={
+                    "stiffening_m2": self.stiffening_m2, "stiffening_std_m2": 1e-5, "proximal_stiffness": 0.01,
+                    "creep": self.creep, "creep_std": 0.003,
+                }
+            )  # fmt: skip
+        return prior
+
+    def noise_px(self, draw: int = 0) -> tuple[FloatArray, FloatArray]:
+        """Returns the error across the line (n, p) and along it at the tip (n,), px; ``draw``: number of the draw."""
+        arc = arc_length(self.points_px[0])
+        unit = max(1.0, float(arc[-1]) / NOISE_PIXELS)
+        rng = np.random.default_rng([*self.seed, 77, draw])
+        noise = CENTRELINE_NOISE[NOISE_PRESET]
+
+        def errors(part: LineNoise, count: int) -> FloatArray:
+            covariance = part.scaled(unit / NOISE_PIXEL_M).covariance_m2(arc)
+            values, vectors = np.linalg.eigh(covariance)
+            return rng.standard_normal((count, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+
+        whole = errors(noise.lasting, 1) + errors(noise.fresh, len(self.time_s))
+        return whole[:, :-1], whole[:, -1]
+
+    def seen_px(self, draw: int = 0) -> FloatArray:
+        """Returns the lines (n, p, 2) as a detector would see them: with their error."""
+        across, along = self.noise_px(draw)
+        tangent = np.gradient(self.points_px, axis=1)
+        tangent /= np.linalg.norm(tangent, axis=2, keepdims=True)
+        left = np.stack([tangent[..., 1], -tangent[..., 0]], axis=2)
+        seen = self.points_px + across[..., None] * left
+        # the whole line is stretched, so that the points stay even
+        share = np.linspace(0.0, 1.0, seen.shape[1])
+        return seen + (along[:, None] * share)[..., None] * tangent
+
+
+Answer = tuple[float, float, float, float, float]
+"""Force along x and y, ends of the magnitude's 90 % interval, N, and the probability of contact; NaN: abstains."""
+
+
+class BaseFrame(LineFrame):
+    """The frame of a session's lines with its origin where the first line begins: `varied` shows the clamp anywhere."""
+
+    def __init__(self, lines: Lines) -> None:
+        super().__init__(lines.size_px, lines.info.view("camera").base_side or "left", stream_scale(lines))
+        self._begin = lines.points_px[0, 0]
+        self._centre = 0.5 * (np.array(lines.size_px) - 1.0)
+
+    def line(self, centreline: CentrelinePx, advance_m: float = 0.0) -> Line:
+        """See `LineFrame.line`."""
+        del advance_m
+        self._u, self._v = self._begin.tolist()
+        found = super().line(centreline)
+        u, v = (self._centre - self._begin).tolist()
+        middle = self.scale_m_per_px * np.array([self._c * u - self._s * v, -self._s * u - self._c * v])
+        return found._replace(middle=middle)
+
+
+METHODS: dict[str, tuple[type[Any], LineSettings]] = {
+    "rod": (Rod, RodSettings()),
+    "rod-track": (RodTrack, RodTrackSettings()),
+    "session": (SessionModel, SessionSettings()),
+}
+WITH_MEMORY = ("rod-track", "session")
+
+
+def answers_of(lines: Lines, method: str, known: str) -> Callable[[int, FloatArray], Answer]:
+    """Returns ``method`` for one session, as a function of a frame's number and line."""
+    kind, settings = METHODS[method]
+    settings = settings.model_copy(update={"prior": lines.prior(known, settings.prior)})
+    lines = lines.knowing(known)
+    stream: Any = kind(settings).start(lines.info)
+    frame = BaseFrame(lines)
+
+    class _Given:
+        """Takes the place of the detection."""
+
+        shape: DetectedShape | None = None
+
+        def read(self, observation: Observation) -> Detected:
+            """Returns the line of the frame."""
+            del observation
+            assert self.shape is not None
+            return Detected(self.shape, frame)
+
+    given = _Given()
+    stream._detection = given
+
+    def answer(index: int, points: FloatArray) -> Answer:
+        given.shape = DetectedShape(Status.VALID, "", CentrelinePx(points))
+        stamp = int(lines.time_s[index] * 1e9)
+        found = stream.update(Observation(stamp, {}, {"knob_deg": float(lines.knob_deg[index])}))
+        return (*found.force_n[:2].tolist(), *found.magnitude_interval_n.tolist(), found.contact)
+
+    return answer
+
+
+def stream_scale(lines: Lines) -> float:
+    """Returns the stated metres per pixel."""
+    scale = lines.info.view("camera").metres_per_px
+    assert scale is not None
+    return scale
+
+
+def score(lines: Lines, method: str, known: str, every: int, draw: int = 0) -> dict[str, Any]:
+    """Returns truth and answers on every ``every``-th frame in contact; a method with memory sees all frames."""
+    answer = answers_of(lines, method, known)
+    shown = lines.knowing(known)
+    seen = shown.seen_px(draw)
+    wanted = np.flatnonzero(lines.touching & (lines.size_n > CONTACT_N))[::every]
+    chosen = set(wanted.tolist())
+    memory = method in WITH_MEMORY
+    rows, spent = [], []
+    for k in range(len(seen)) if memory else wanted.tolist():
+        start = time.perf_counter()
+        found = answer(k, seen[k])
+        spent.append(time.perf_counter() - start)
+        if k in chosen:
+            rows.append([k, *found])
+    angle, size = lines.angle_deg, lines.size_n
+    return {
+        "session": lines.seed, "method": method, "known": known,
+        "ms": 1e3 * float(np.median(spent)),
+        "frame": [row[0] for row in rows],
+        "force_n": lines.force_n[wanted, :2].tolist(), "size_n": size[wanted].tolist(),
+        "angle_deg": angle[wanted].tolist(), "time_s": lines.time_s[wanted].tolist(),
+        "answer": [row[1:] for row in rows],
+    }  # fmt: skip
+
+
+def gathered(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+    """Returns the scores of sessions as arrays."""
+    answer = np.concatenate([np.array(row["answer"], float).reshape(-1, 5) for row in rows])
+    size = np.concatenate([row["size_n"] for row in rows])
+    said = np.hypot(answer[:, 0], answer[:, 1])
+    return {
+        "truth": size, "said": said, "low": answer[:, 2], "high": answer[:, 3],
+        "angle": np.concatenate([row["angle_deg"] for row in rows]),
+        "session": np.repeat(np.arange(len(rows)), [len(row["size_n"]) for row in rows]),
+    }  # fmt: skip
+
+
+def figures(all_: dict[str, np.ndarray], inside: np.ndarray) -> dict[str, float]:
+    """Returns the figures of the frames ``inside``: shares in percent, errors of the magnitude in mN."""
+    valid = inside & np.isfinite(all_["said"])
+    error = (all_["said"] - all_["truth"])[valid]
+    holds = ((all_["low"] <= all_["truth"]) & (all_["truth"] <= all_["high"]))[valid]
+    by_session = [holds[all_["session"][valid] == s].mean() for s in np.unique(all_["session"][valid])]
+    nan = float("nan")
+    return {
+        "frames": int(inside.sum()), "answered": 100 * valid.sum() / max(1, inside.sum()),
+        "mae": 1e3 * np.abs(error).mean() if len(error) else nan,
+        "rmse": 1e3 * np.sqrt((error**2).mean()) if len(error) else nan,
+        "wrong": 100 * (np.abs(error) > WRONG_N).mean() if len(error) else nan,
+        "bias": 1e3 * error.mean() if len(error) else nan,
+        "holds": 100 * holds.mean() if len(error) else nan,
+        "error_of_holds": 100 * np.std(by_session) / np.sqrt(max(1, len(by_session))) if by_session else nan,
+        "width": 1e3 * np.median((all_["high"] - all_["low"])[valid]) if len(error) else nan,
+    }  # fmt: skip
+
+
+def strata(all_: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Returns which frames are in each row of the table."""
+    truth, angle = all_["truth"], all_["angle"]
+    width = all_["high"] - all_["low"]
+    return {
+        "all": truth > 0, "below 0.1 N": truth < 0.1, "0.1 to 0.2 N": (truth >= 0.1) & (truth < 0.2),
+        "0.2 to 0.3 N": (truth >= 0.2) & (truth < 0.3), "above 0.3 N": truth >= 0.3,
+        "within 20 deg": angle < 20, "20 to 50 deg": (angle >= 20) & (angle < 50), "beyond 50 deg": angle >= 50,
+        "interval < 100 mN": width < NARROW_N,
+    }  # fmt: skip
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Returns the rows in Markdown."""
+    all_ = gathered(rows)
+    head = ("frames", "answered", "MAE", "RMSE", "wrong", "bias", "90 % holds", "median width")
+    lines = [f"| {rows[0]['method']}, {rows[0]['known']} known | " + " | ".join(head) + " |", "|---" * 9 + "|"]
+    for name, inside in strata(all_).items():
+        f = figures(all_, inside)
+        holds = f"{f['holds']:.0f} (+- {f['error_of_holds']:.0f})"
+        cells = [f"{f['frames']}", *(f"{f[k]:.0f}" for k in ("answered", "mae", "rmse", "wrong", "bias"))]
+        lines.append(f"| {name} | " + " | ".join([*cells, holds, f"{f['width']:.0f}"]) + " |")
+    return "\n".join([*lines, f"{len(rows)} sessions, {np.median([row['ms'] for row in rows]):.2f} ms a frame"])
+
+
+def main() -> None:
+    """Runs one of the steps."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    steps = parser.add_subparsers(dest="step", required=True)
+    draw = steps.add_parser("lines")
+    draw.add_argument("--preset", default="varied", choices=list(PRESETS))
+    draw.add_argument("--seed", type=int, default=61000)
+    draw.add_argument("--first", type=int, default=0)
+    draw.add_argument("--sessions", type=int, default=16)
+    draw.add_argument("--stride", type=int, default=5, help="distance of the sessions' numbers: 5 for other catheters")
+    run = steps.add_parser("score")
+    run.add_argument("--lines", type=Path, required=True)
+    run.add_argument("--method", default="session", choices=list(METHODS))
+    run.add_argument("--known", default="nothing", choices=KNOWN)
+    run.add_argument("--every", type=int, default=20)
+    run.add_argument("--skip", type=int, default=0, help="number of sessions that are left out first")
+    run.add_argument("--limit", type=int, default=1000, help="number of sessions")
+    for step in (draw, run):
+        step.add_argument("--out", type=Path, required=True)
+    show = steps.add_parser("table")
+    show.add_argument("scores", type=Path, nargs="+")
+    options = parser.parse_args()
+    if options.step == "lines":
+        options.out.mkdir(parents=True, exist_ok=True)
+        for k in range(options.sessions):
+            number = options.first + options.stride * k
+            place = options.out / f"{options.preset}-{options.seed}-{number:03d}.pickle"
+            if not place.exists():
+                place.write_bytes(pickle.dumps(Lines.of(options.preset, options.seed, number)))
+                print(place, flush=True)
+    elif options.step == "score":
+        rows = []
+        for place in sorted(options.lines.glob("*.pickle"))[options.skip :][: options.limit]:
+            rows.append(score(pickle.loads(place.read_bytes()), options.method, options.known, options.every))
+            options.out.write_text(json.dumps(rows) + "\n", encoding="utf-8")
+        print(table(rows))
+    else:
+        for place in options.scores:
+            print(table(json.loads(place.read_text())), end="\n\n")
+
+
+if __name__ == "__main__":
+    from bench.studies.session_posterior import main as run_step  # pickles then name the module, not __main__
+
+    run_step()

@@ -1,0 +1,219 @@
+"""From the nodes of a walk to the force, its intervals, and the session's constants."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ...mechanics.planar import FORCE, solve_in
+from ...types import FloatArray, IntArray
+from ..rod import Mixed
+from ._walk import NODES, Fit, Scratch
+
+_ACROSS = np.array([-math.sqrt(3.0), 0.0, math.sqrt(3.0)])
+_ACROSS_SHARE = np.array([1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0])
+"""Across the walk: Gauss-Hermite, exact for the first five moments."""
+_TAIL = 0.05
+"""Share outside of the 90 % intervals, on either side."""
+_PROFILE = 0.5 * 1.6448536**2
+"""Difference of the costs within which a force explains the line as well as the best one: 90 %, one degree of freedom.
+"""
+_LEAST_SHARE = 1e-3
+"""Nodes with a smaller share than this do not count for the constants."""
+
+
+_NEAR_NOTHING = 0.3
+"""The density of a uniform magnitude is infinite at no force: it ends at this share of a node's distance."""
+
+
+@njit(cache=True, nogil=True)
+def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: float) -> float:
+    """Quantile of points with ``shares`` (their sum is 1), linear between their middles."""
+    below, before, last = 0.0, -1.0, values[order[0]]
+    for k in order:
+        middle = below + 0.5 * shares[k]
+        if middle >= level:
+            if before < 0.0 or middle <= before:
+                return float(values[k])
+            part = (level - before) / (middle - before)
+            return float(last + part * (values[k] - last))
+        below += shares[k]
+        if shares[k] > 0.0:
+            before, last = middle, values[k]
+    return float(last)
+
+
+@njit(cache=True, nogil=True)
+def _widen_by_profile(
+    found: int,
+    c: float,
+    s: float,
+    axis_x: float,
+    axis_y: float,
+    free: Fit,
+    largest_n: float,
+    low: FloatArray,
+    high: FloatArray,
+    scratch: Scratch,
+) -> None:
+    """Widens the intervals to all forces that explain the line nearly as well as the best one (profile likelihood).
+
+    Where the shape shows nothing of a force the prior alone would decide, in favour of no contact.
+    """
+    best = free.cost if free.ok else math.inf
+    for i in range(found):
+        best = min(best, scratch.costs[i])
+    if free.ok and free.cost <= best + _PROFILE:
+        low[2] = 0.0
+        for a in range(2):
+            low[a], high[a] = min(low[a], 0.0), max(high[a], 0.0)
+    for i in range(found):
+        across, along = scratch.forces[i, 0], scratch.forces[i, 1]
+        x, y = c * along - s * across, s * along + c * across
+        size = math.hypot(x, y)
+        pushes = x * axis_x + y * axis_y < 0.0
+        if scratch.costs[i] <= best + _PROFILE and pushes and size <= largest_n:
+            low[0], high[0] = min(low[0], x), max(high[0], x)
+            low[1], high[1] = min(low[1], y), max(high[1], y)
+            low[2], high[2] = min(low[2], size), max(high[2], size)
+
+
+@njit(cache=True, nogil=True)
+def mixed_force(
+    found: int,
+    step_n: float,
+    c: float,
+    s: float,
+    angle: float,
+    free: Fit,
+    prior_odds: float,
+    largest_n: float,
+    scratch: Scratch,
+) -> Mixed:
+    """The force over contact and none; ``scratch.weights`` become the nodes' shares for the constants.
+
+    The prior of the force in contact is uniform in magnitude and direction. It counts once, for the force of this
+    line. For the constants the force's prior is flat: a prior that prefers small forces, counted again with every
+    frame, would draw the constants to where all forces are small.
+
+    Args:
+        found: number of nodes.
+        step_n: their distance.
+        c: cosine of the direction of the walk.
+        s: its sine.
+        angle: of the tip's axis, rad: forces in contact push at the tip.
+        free: fit without a force.
+        prior_odds: logarithm of the odds of contact beforehand.
+        largest_n: the prior of the force ends here.
+        scratch: the nodes.
+    """
+    count = 3 * found
+    points, shares = np.zeros((3, count + 1)), np.zeros(count + 1)
+    axis_x, axis_y = math.cos(angle), math.sin(angle)
+    best = -math.inf
+    for i in range(found):
+        best = max(best, scratch.weights[i])
+    total = total_flat = 0.0
+    for i in range(found):
+        density = math.exp(scratch.weights[i] - best)
+        flat = 0.0
+        for j in range(3):
+            across, along = scratch.forces[i, 0] + _ACROSS[j] * scratch.across_std[i], scratch.forces[i, 1]
+            x, y = c * along - s * across, s * along + c * across
+            size = math.hypot(x, y)
+            k = 3 * i + j
+            points[0, k], points[1, k], points[2, k] = x, y, size
+            if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
+                prior = 1.0 / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
+                shares[k] = density * _ACROSS_SHARE[j] * prior
+                total += shares[k]
+                flat += density * _ACROSS_SHARE[j]
+        scratch.weights[i] = flat
+        total_flat += flat
+    evidence = -math.inf
+    if total > 0.0:
+        evidence = math.log(total * step_n * math.sqrt(2.0 * math.pi)) + best
+    none = -free.cost - 0.5 * free.log_det if free.ok else -math.inf
+    log_odds = evidence - none if free.ok or total > 0.0 else 0.0
+    odds = max(-60.0, min(60.0, log_odds + prior_odds))
+    contact = 1.0 / (1.0 + math.exp(-odds)) if total > 0.0 else 0.0
+    if total_flat <= 0.0:
+        contact = 0.0
+    for k in range(count):
+        shares[k] *= contact / total if total > 0.0 else 0.0
+    for i in range(found):
+        scratch.weights[i] /= total_flat if total_flat > 0.0 else 1.0
+    shares[count] = 1.0 - contact
+    mean, spread = np.zeros(2), np.zeros((2, 2))
+    for k in range(count):
+        for a in range(2):
+            mean[a] += shares[k] * points[a, k]
+    for k in range(count + 1):
+        for a in range(2):
+            for b in range(2):
+                spread[a, b] += shares[k] * (points[a, k] - mean[a]) * (points[b, k] - mean[b])
+    low, high = np.zeros(3), np.zeros(3)
+    for a in range(3):
+        order = np.argsort(points[a])
+        low[a], high[a] = _quantile(points[a], order, shares, _TAIL), _quantile(points[a], order, shares, 1.0 - _TAIL)
+    if contact > 0.0:
+        _widen_by_profile(found, c, s, axis_x, axis_y, free, largest_n, low, high, scratch)
+    return Mixed(mean, spread, contact, low, high)
+
+
+@njit(cache=True, nogil=True)
+def mixed_constants(
+    found: int, contact: float, free_q: FloatArray, free_factor: FloatArray, c: float, s: float, scratch: Scratch
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of all unknowns, over the nodes and no contact; ``contact``: its probability.
+
+    ``free_q``, ``free_factor``: fit without a force, and Cholesky's factor of its information.
+    """
+    n = free_q.size
+    shares = np.zeros(NODES + 1)
+    total = 0.0
+    for i in range(found):
+        share = contact * scratch.weights[i]
+        shares[i] = share if share > _LEAST_SHARE * contact else 0.0
+        total += shares[i]
+    shares[found] = 1.0 - contact if contact < 1.0 - 1e-6 else 0.0
+    total += shares[found]
+    mean, covariance = np.zeros(n), np.zeros((n, n))
+    for i in range(found + 1):
+        share = shares[i] / total
+        if share > 0.0:
+            q = scratch.nodes[i] if i < found else free_q
+            for a in range(n):
+                mean[a] += share * q[a]
+    column = np.zeros(n)
+    for i in range(found + 1):
+        share = shares[i] / total
+        if share == 0.0:
+            continue
+        q = scratch.nodes[i] if i < found else free_q
+        factor = scratch.factors[i] if i < found else free_factor
+        fixed = 1 if i < found else FORCE
+        for a in range(n):
+            for b in range(n):
+                covariance[a, b] += share * (q[a] - mean[a]) * (q[b] - mean[b])
+        for a in range(n):
+            if a < FORCE and a >= FORCE - fixed:
+                continue
+            for b in range(n):
+                column[b] = 1.0 if a == b else 0.0
+            solve_in(factor, column)
+            for b in range(n):
+                if not (b < FORCE and b >= FORCE - fixed):
+                    if a >= FORCE and b >= FORCE:
+                        covariance[a, b] += share * column[b]
+                    elif a == 0 and b >= FORCE:  # across the walk, turned to x and y
+                        covariance[0, b] -= s * share * column[b]
+                        covariance[b, 0] -= s * share * column[b]
+                        covariance[1, b] += c * share * column[b]
+                        covariance[b, 1] += c * share * column[b]
+                    elif a == 0 and b == 0:
+                        covariance[0, 0] += s * s * share * column[b]
+                        covariance[1, 1] += c * c * share * column[b]
+                        covariance[0, 1] -= c * s * share * column[b]
+                        covariance[1, 0] -= c * s * share * column[b]
+    return mean, covariance

@@ -1,0 +1,162 @@
+"""Constants and slow states of a session: their Gaussian, and how it changes with time and with the knob."""
+
+import math
+
+import numpy as np
+
+from ...mechanics.planar import FORCE, UNKNOWNS, Line, Model
+from ...types import FloatArray, SessionInfo
+from ..rod import MODES, POINTS, Knowledge, LineError
+from ._settings import SessionSettings
+from ._walk import EXTRA
+
+CAMERA = 4
+"""Errors of the image that stay for a session: stretch, shear, and the bend out of the plane along x and y."""
+COUNT = len(UNKNOWNS) + MODES + CAMERA + EXTRA
+"""Unknowns: of the rod, lasting errors of the line, errors of the image, then those of `Session`."""
+ROD = len(UNKNOWNS)
+K0, ANGLE, X, Y = (UNKNOWNS.index(name) for name in ("precurvature_per_m", "base_angle_rad", "base_x_m", "base_y_m"))
+GAIN, PLAY, LEVER = COUNT - 3, COUNT - 2, COUNT - 1
+_LEAST_PLAY_DEG2 = 1e-4
+"""Least variance of the position in the play."""
+_PLAY_LEFT_OUT = 0.02
+"""The end of the play is known to this share of the angle by which the knob turns."""
+
+
+class SessionState:
+    """``mean`` (COUNT,) and ``covariance`` (COUNT, COUNT); the rows of the force are zero.
+
+    Args:
+        settings: the settings.
+        knowledge: knowledge of the constants beforehand.
+        info: the session metadata.
+        knob_deg: first reading of the knob; NaN: there is none.
+    """
+
+    def __init__(self, settings: SessionSettings, knowledge: Knowledge, info: SessionInfo, knob_deg: float) -> None:
+        prior, actuation = settings.prior, info.actuation
+        self._settings = settings
+        gain = actuation.knob_gain_per_m_deg
+        has_knob = gain is not None and not math.isnan(knob_deg)
+        self.gain_per_m_deg = gain if gain is not None and has_knob else 0.0
+        self.knob_deg = knob_deg if has_knob else 0.0
+        self._play_deg = prior.knob_play_deg if actuation.knob_play_deg is None else actuation.knob_play_deg
+        mean, covariance = knowledge.for_session(settings, info, 0.0 if has_knob else math.nan)
+        self.mean, self.covariance = np.zeros(COUNT), np.eye(COUNT)
+        self.mean[FORCE:ROD], self.covariance[FORCE:ROD, FORCE:ROD] = mean, covariance
+        self.covariance[:FORCE, :FORCE] = 0.0
+        self.covariance[GAIN, GAIN] = prior.knob_gain**2
+        self.covariance[PLAY, PLAY] = max(_LEAST_PLAY_DEG2, self._play_deg**2 / 12.0)
+        if has_knob and not knowledge.sessions:  # the play has an unknown of its own
+            self.covariance[K0, K0] = prior.precurvature_per_m**2
+
+    def unloaded_curvature_per_m(self) -> tuple[float, float]:
+        """Returns mean and standard deviation of the curvature without load."""
+        gain = self.gain_per_m_deg
+        parts = np.zeros(COUNT)
+        parts[K0], parts[GAIN], parts[PLAY] = 1.0, gain * self.knob_deg, gain
+        mean = float(parts @ self.mean) + gain * self.knob_deg
+        return mean, math.sqrt(float(parts @ self.covariance @ parts))
+
+    def rod_prior(self) -> tuple[FloatArray, FloatArray]:
+        """Returns mean and covariance of the rod's unknowns behind the force, for a fit that knows no others."""
+        mean, covariance = self.mean[FORCE:ROD].copy(), self.covariance[FORCE:ROD, FORCE:ROD].copy()
+        curvature, std = self.unloaded_curvature_per_m()
+        mean[0] = curvature
+        covariance[0, 0] = max(covariance[0, 0], std**2)
+        return mean, covariance
+
+    def predict(self, elapsed_s: float, knob_deg: float, advanced_m: float) -> None:
+        """Changes the state by the time that passed, the knob's turn, and the way of the clamp.
+
+        Args:
+            elapsed_s: time since the state was last updated.
+            knob_deg: reading of the knob; NaN: it stays.
+            advanced_m: way of the clamp in this time.
+        """
+        settings, covariance = self._settings, self.covariance
+        bend = self.gain_per_m_deg * abs(self.knob_deg)
+        part = min(1.0, elapsed_s / settings.knob_drift_s)
+        covariance[K0, K0] += 2.0 * (settings.knob_drift * bend) ** 2 * part
+        covariance[X, X] += settings.base_walk_m**2 * elapsed_s
+        covariance[Y, Y] += settings.base_walk_m**2 * elapsed_s
+        covariance[ANGLE, ANGLE] += math.radians(settings.base_walk_deg) ** 2 * elapsed_s
+        if elapsed_s > 0.0:
+            covariance[X, X] += (advanced_m * min(1.0, settings.advance_late_s / elapsed_s)) ** 2
+        self._forget(slice(ROD, ROD + MODES), math.exp(-elapsed_s / settings.line_error_s))
+        self._forget(slice(LEVER, COUNT), math.exp(-elapsed_s / settings.prior.friction_s))
+        if self.gain_per_m_deg and not math.isnan(knob_deg):
+            self._turn(knob_deg - self.knob_deg)
+            self.knob_deg = knob_deg
+
+    def _forget(self, part: slice, keeps: float) -> None:
+        """Ornstein-Uhlenbeck processes with unit variance."""
+        self.mean[part] *= keeps
+        self.covariance[part] *= keeps
+        self.covariance[:, part] *= keeps
+        index = np.arange(COUNT)[part]
+        self.covariance[index, index] += 1.0 - keeps**2
+
+    def _turn(self, turned_deg: float) -> None:
+        """The mechanism stays where it is until the knob has crossed the play."""
+        half = 0.5 * self._play_deg
+        if turned_deg == 0.0 or half == 0.0:
+            return
+        variance = float(self.covariance[PLAY, PLAY])
+        mean, clipped, within = clipped_moments(float(self.mean[PLAY]) - turned_deg, variance, half)
+        self.mean[PLAY] = mean
+        self.covariance[PLAY] *= within
+        self.covariance[:, PLAY] *= within
+        self.covariance[PLAY, PLAY] = max(_LEAST_PLAY_DEG2, clipped) + (_PLAY_LEFT_OUT * turned_deg) ** 2
+
+
+def clipped_moments(mean: float, variance: float, half: float) -> tuple[float, float, float]:
+    """Returns mean and variance of a Gaussian clipped to +- ``half``, and its probability within.
+
+    The probability is also the factor on its covariance with any other Gaussian (Stein's lemma).
+
+    >>> clipped_moments(0.0, 1e-6, 1.0)
+    (0.0, 1e-06, 1.0)
+    """
+    std = math.sqrt(variance)
+    low, high = (-half - mean) / std, (half - mean) / std
+    below, above = 0.5 * math.erfc(-low / math.sqrt(2.0)), 0.5 * math.erfc(high / math.sqrt(2.0))
+    density_low, density_high = (math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi) for x in (low, high))
+    within = 1.0 - below - above
+    first = mean * within + std * (density_low - density_high) + half * (above - below)
+    second = (mean**2 + variance) * within + 2.0 * mean * std * (density_low - density_high)
+    second += variance * (low * density_low - high * density_high) + half**2 * (above + below)
+    return first, max(0.0, second - first**2), within
+
+
+def line_modes(error: LineError, unit_m: float) -> FloatArray:
+    """Returns (POINTS + 1, MODES + CAMERA + EXTRA): lasting errors of the line, the rest zero.
+
+    Args:
+        error: error of the line.
+        unit_m: metres of a pixel of ``error``.
+    """
+    modes = np.zeros((POINTS + 1, MODES + CAMERA + EXTRA))
+    modes[:, :MODES] = error.modes * unit_m
+    return modes
+
+
+def fill_camera_modes(modes: FloatArray, line: Line, model: Model, settings: SessionSettings) -> None:
+    """Fills the columns of ``modes`` that depend on where the line is: those of the image.
+
+    Args:
+        modes: from `line_modes`.
+        line: the line.
+        model: the rod.
+        settings: the settings.
+    """
+    prior = settings.prior
+    last = line.normals[-1]
+    across = np.vstack([line.normals, [last[1], -last[0]]])  # the last row: along the line
+    from_middle = line.points - line.middle
+    at = np.vstack([from_middle, from_middle[-1:]])
+    from_base = np.maximum(model.flexible_m + model.rigid_m - np.append(line.from_tip, 0.0), 0.0)
+    depth = prior.depth_per_m * from_base**2
+    modes[:, MODES] = prior.stretch * (across[:, 0] * at[:, 0] - across[:, 1] * at[:, 1])
+    modes[:, MODES + 1] = prior.stretch * (across[:, 0] * at[:, 1] + across[:, 1] * at[:, 0])
+    modes[:, MODES + 2], modes[:, MODES + 3] = depth * across[:, 0], depth * across[:, 1]

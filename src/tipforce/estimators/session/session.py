@@ -1,0 +1,90 @@
+"""Method `session`: the force from all centrelines so far, by a model of the whole session.
+
+Unknown are the session's constants (rod, clamp, camera, knob), slow states, and the force of each frame. The force is
+integrated along the direction that the shape shows least (`_walk`), not taken for a Gaussian there. The one rule of
+abstention is the width of the 90 % interval, beside the check that a rod has this shape at all.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar
+
+from ...types import ForceEstimate, Image, Observation, SessionInfo, Status
+from .._base import Stream
+from .._builder import within_error
+from .._reading import Abstention
+from .._session_metadata import UninformedStream, missing_metadata
+from ..rod import Detection, Knowledge, RodEstimator, Widths, actuation_out_of_range, rod_model
+from ._filter import SessionFilter
+from ._settings import SessionSettings
+
+
+class SessionModel(RodEstimator):
+    """All frames so far; see the module."""
+
+    name: ClassVar[str] = "session"
+    settings_type = SessionSettings
+
+    @property
+    def uses_history(self) -> bool:
+        """It remembers."""
+        return True
+
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
+        """A stream for one session; see `Estimator.start`."""
+        if missing := missing_metadata(self.required_metadata, info):
+            return UninformedStream(missing)
+        settings = self.settings
+        assert isinstance(settings, SessionSettings)
+        return SessionStream(settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
+
+
+class SessionStream:
+    """Estimates one session, frame after frame; a late frame is refused."""
+
+    def __init__(
+        self,
+        settings: SessionSettings,
+        knowledge: Knowledge,
+        widths: Widths,
+        info: SessionInfo,
+        images: Sequence[Image],
+    ) -> None:
+        self._settings, self._widths, self._info = settings, widths, info
+        self._detection = Detection(settings.vision, info, images)
+        self._filter = SessionFilter(settings, knowledge, rod_model(info, settings.segments), info)
+        self._stamp_ns: int | None = None
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        """The force at this observation; its status says why where there is none."""
+        stamp, settings = observation.stamp_ns, self._settings
+        if self._stamp_ns is not None and stamp <= self._stamp_ns:
+            late = (self._stamp_ns - stamp) * 1e-6
+            return ForceEstimate.invalid(stamp, Status.STALE, f"{late:.1f} ms older than a frame that was used already")
+        detected = self._detection.read(observation)
+        shape = self._detection.shape
+        if isinstance(detected, Abstention):
+            return ForceEstimate.invalid(stamp, detected.status, detected.detail, shape)
+        knob = observation.actuation.get("knob_deg", math.nan)
+        if abstention := actuation_out_of_range(settings, self._info, knob):
+            return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, shape)
+        elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
+        self._stamp_ns = stamp
+        found = self._filter.step(detected.line(), detected.frame.scale_m_per_px, knob, elapsed_s, detected.advance_m)
+        if not found.explained:
+            return ForceEstimate.invalid(
+                stamp,
+                Status.OUT_OF_DISTRIBUTION,
+                f"no force at the tip bends the stated rod into this shape: the mean square misfit is "
+                f"{found.misfit:.1f}, the limit {settings.max_misfit:g}",
+                shape,
+            )
+        if found.level > settings.noise.max_level:
+            return ForceEstimate.invalid(
+                stamp,
+                Status.OUT_OF_DISTRIBUTION,
+                f"the stated rod explains the detected line only with {found.level:.0f} times the noise that is "
+                f"stated, more than noise.max_level = {settings.noise.max_level:g}",
+                shape,
+            )
+        return within_error(self._widths.estimate(stamp, found.force, shape), settings.max_error_n)

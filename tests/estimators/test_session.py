@@ -1,0 +1,245 @@
+"""`session`: the force integrated where the shape shows least of it, over a session's constants."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.oracles.planar_rod import solve_static
+
+from tipforce.estimators.rod import (
+    MODES,
+    POINTS,
+    Detected,
+    Knowledge,
+    LineError,
+    LineFrame,
+    noise_unit_m,
+    rod_model,
+)
+from tipforce.estimators.session import Answer, SessionFilter, SessionModel, SessionSettings
+from tipforce.estimators.session._state import (
+    GAIN,
+    K0,
+    PLAY,
+    SessionState,
+    clipped_moments,
+    fill_camera_modes,
+    line_modes,
+)
+from tipforce.estimators.session._walk import predict
+from tipforce.mechanics import PlanarRod
+from tipforce.mechanics.planar import Line
+from tipforce.types import (
+    ActuationInfo,
+    Catheter,
+    CentrelinePx,
+    DetectedShape,
+    FloatArray,
+    Observation,
+    SessionInfo,
+    Status,
+    ViewInfo,
+)
+
+SCALE = 2e-4
+INFO = SessionInfo(
+    "s",
+    Catheter(flexible_length_m=0.04, rigid_length_m=0.008, bending_stiffness_nm2=4.3e-4),
+    {"camera": ViewInfo(SCALE, "left")},
+    actuation=ActuationInfo(0.533),
+)
+FRAME = LineFrame((640, 480), "left", SCALE)
+FRAME_S = 1 / 24
+SETTINGS = SessionSettings()
+
+
+def session(settings: SessionSettings = SETTINGS) -> SessionFilter:
+    return SessionFilter(settings, Knowledge.stated(settings), rod_model(INFO, settings.segments), INFO)
+
+
+def image_of(force: tuple[float, float], knob_deg: float = 10.0, across_px: float | FloatArray = 0.0) -> FloatArray:
+    """The line of a rod whose clamp is turned by a degree and whose knob asks for 0.2 1/m too little."""
+    rod = PlanarRod(0.04, 4.3e-4, 0.008, 0.533 * knob_deg + 0.2, stiffening_curvature_per_m=4.5e-4**-0.5, segments=160)
+    points = solve_static(rod, np.array(force)).centreline_m(np.linspace(1.5e-3, 0.048, 64))
+    c, s = np.cos(0.017), np.sin(0.017)
+    points = points @ np.array([[c, s], [-s, c]]) - (1.5e-3, 0.0)
+    image = points / SCALE * (1.0, -1.0) + (-0.5, 239.5)
+    image[:, 1] += across_px
+    return image
+
+
+def see(
+    state: SessionFilter,
+    force: tuple[float, float],
+    knob_deg: float = 10.0,
+    elapsed_s: float = FRAME_S,
+    across_px: float | FloatArray = 0.0,
+) -> Answer:
+    return state.step(
+        FRAME.line(CentrelinePx(image_of(force, knob_deg, across_px))), SCALE, knob_deg, elapsed_s
+    )  # fmt: skip
+
+
+def width_n(found: Answer) -> float:
+    return float(found.force.high_n[2] - found.force.low_n[2])
+
+
+@pytest.mark.parametrize("force", [(-0.12, 0.1), (-0.05, -0.08), (-0.3, 0.2), (-0.45, -0.1)])
+def test_the_first_frame_holds_the_force(force: tuple[float, float]) -> None:
+    found = see(session(), force).force
+    assert found.contact > 0.95
+    for k, truth in enumerate((*force, math.hypot(*force))):
+        assert found.low_n[k] < truth < found.high_n[k]
+
+
+def test_an_unloaded_rod_is_most_likely_without_contact() -> None:
+    found = see(session(), (0.0, 0.0)).force
+    assert found.contact < 0.35
+    assert np.hypot(*found.force_n) < 0.03
+
+
+def test_a_push_along_a_straight_shaft_is_left_open() -> None:
+    straight = session()
+    rod = PlanarRod(0.04, 4.3e-4, 0.008, 0.0, segments=160)
+    points = solve_static(rod, np.array([-0.1, 2e-3])).centreline_m(np.linspace(0.0, 0.048, 64))
+    line = FRAME.line(CentrelinePx(points / SCALE * (1.0, -1.0) + (-0.5, 239.5)))
+    found = straight.step(line, SCALE, 0.0, 0.0)
+    assert found.force.high_n[2] > 0.1
+    assert width_n(found) > 0.15
+
+
+def test_frames_without_contact_narrow_the_interval() -> None:
+    alone, over_time = session(), session()
+    for _ in range(5):
+        free = see(over_time, (0.0, 0.0), elapsed_s=1.0)
+    assert free.force.contact < 0.05
+    first, later = see(alone, (-0.1, 0.08)), see(over_time, (-0.1, 0.08))
+    assert width_n(later) < 0.8 * width_n(first)
+    assert later.force.low_n[2] < math.hypot(0.1, 0.08) < later.force.high_n[2]
+
+
+def test_frames_in_contact_do_not_move_the_stiffness() -> None:
+    """The shape shows force over stiffness: a prior of the force that counts with each frame would move it."""
+    state = session()
+    for k in range(40):
+        size = 0.15 + 0.1 * math.sin(k)
+        see(state, (-size, 0.7 * size), elapsed_s=1.0)
+    assert state.state is not None
+    at, std = state.state.mean[3], math.sqrt(state.state.covariance[3, 3])
+    assert abs(at) < std
+
+
+def test_frames_closer_than_update_s_teach_the_constants_nothing() -> None:
+    state = session()
+    see(state, (0.0, 0.0))
+    assert state.state is not None
+    before = state.state.covariance[K0, K0]
+    see(state, (0.0, 0.0))
+    assert state.state.covariance[K0, K0] >= before
+    see(state, (0.0, 0.0), elapsed_s=SETTINGS.update_s)
+    assert state.state.covariance[K0, K0] < before
+
+
+def test_a_shape_that_no_rod_has_changes_nothing() -> None:
+    state, other = session(), session()
+    for _ in range(3):
+        see(state, (0.0, 0.0), elapsed_s=1.0)
+        see(other, (0.0, 0.0), elapsed_s=1.0)
+    wave = 12 * np.sin(np.linspace(0, 9, 64))
+    assert not see(state, (0.0, 0.0), elapsed_s=1e-9, across_px=wave).explained
+    one, two = see(state, (-0.1, 0.05)), see(other, (-0.1, 0.05))
+    assert one.force.force_n == pytest.approx(two.force.force_n, abs=5e-3)
+
+
+def test_after_lines_that_no_rod_explains_the_session_is_learnt_anew() -> None:
+    state = session()
+    for _ in range(4):
+        see(state, (0.0, 0.0), elapsed_s=1.0)
+    taught = width_n(see(state, (-0.1, 0.08)))
+    late = width_n(see(state, (-0.1, 0.08), elapsed_s=2.0 * SETTINGS.gap_s))
+    assert late > taught
+
+
+@pytest.mark.parametrize(("mean", "std", "half"), [(0.0, 0.3, 0.5), (0.6, 0.3, 0.5), (-1.5, 0.2, 0.5)])
+def test_the_moments_of_the_play_are_those_of_clipped_samples(mean: float, std: float, half: float) -> None:
+    samples = mean + std * np.random.default_rng(0).standard_normal(400_000)
+    clipped = np.clip(samples, -half, half)
+    found = clipped_moments(mean, std**2, half)
+    assert found[:2] == pytest.approx((clipped.mean(), clipped.var()), abs=2e-3)
+    assert found[2] == pytest.approx(np.mean(np.abs(samples) < half), abs=5e-3)
+
+
+def test_a_knob_that_turns_far_puts_the_mechanism_at_the_end_of_its_play() -> None:
+    state = SessionState(SETTINGS, Knowledge.stated(SETTINGS), INFO, 10.0)
+    _, before = state.unloaded_curvature_per_m()
+    state.predict(1.0, 13.0, 0.0)
+    assert state.mean[PLAY] == pytest.approx(-0.5, abs=0.02)
+    mean, after = state.unloaded_curvature_per_m()
+    assert mean == pytest.approx(0.533 * 12.5, abs=0.02)
+    assert after < math.hypot(before, 0.2)
+    assert state.covariance[GAIN, GAIN] == pytest.approx(SETTINGS.prior.knob_gain**2)
+
+
+def test_the_one_rule_of_abstention_is_the_width_of_the_interval() -> None:
+    answers = []
+    for limit in (None, 1e-3):
+        stream: Any = SessionModel(SessionSettings(max_error_n=limit)).start(INFO)
+
+        class Given:
+            shape = DetectedShape(Status.VALID, "", CentrelinePx(image_of((-0.1, 0.08))))
+
+            def read(self, observation: Observation) -> Detected:
+                return Detected(self.shape, FRAME)
+
+        stream._detection = Given()
+        answers.append(stream.update(Observation(0, {}, {"knob_deg": 10.0})))
+        assert stream.update(Observation(0, {}, {"knob_deg": 10.0})).status is Status.STALE
+    free, narrow = answers
+    assert free.valid
+    assert narrow.status is Status.UNOBSERVABLE
+    assert narrow.upper_n == pytest.approx(free.magnitude_interval_n[1])
+
+
+def drawn_line(state: SessionFilter, rng: np.random.Generator, force: FloatArray) -> Line:
+    """A line of the model itself: constants, lasting errors and noise are drawn from their priors."""
+    fresh = SessionState(SETTINGS, Knowledge.stated(SETTINGS), INFO, 10.0)
+    free = np.diag(fresh.covariance) > 0
+    q = fresh.mean.copy()
+    q[free] = rng.multivariate_normal(fresh.mean[free], fresh.covariance[np.ix_(free, free)])
+    q[:2] = force
+    line = FRAME.line(CentrelinePx(image_of((0.0, 0.0))))
+    scratch = state._scratch
+    error = LineError.of(SETTINGS.noise, MODES)
+    unit = noise_unit_m(state._model, SCALE)
+    state._modes, state._whiten = line_modes(error, unit), error.whiten / unit
+    scratch.rod.theta[:] = np.linspace(0.0, 0.2, len(scratch.rod.theta))
+    for _ in range(3):  # the errors of the image depend on where the line is
+        fill_camera_modes(state._modes, line, state._model, SETTINGS)
+        apart = np.zeros_like(line.points)
+        for axis in range(2):
+            normals = np.zeros_like(line.points)
+            normals[:, axis] = 1.0
+            assert predict(q, state._session(fresh), line._replace(normals=normals), scratch)
+            apart[:, axis] = scratch.rod.residual[:-1]
+        points = line.points - apart
+        along = np.gradient(points, axis=0)
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        line = line._replace(points=points, normals=np.stack([-along[:, 1], along[:, 0]], axis=1))
+    noise = np.linalg.solve(state._whiten, rng.standard_normal(POINTS + 1))
+    points = line.points + noise[:-1, None] * line.normals
+    points[-1] += noise[-1] * along[-1]
+    return line._replace(points=points)
+
+
+def test_intervals_hold_on_lines_drawn_from_the_model_itself() -> None:
+    rng = np.random.default_rng(3)
+    holds, frames = 0, 80
+    for _ in range(frames):
+        state = session()
+        size, turn = rng.uniform(0.02, 0.5), rng.uniform(-1.2, 1.2)
+        line = drawn_line(state, rng, size * np.array([-math.cos(turn), -math.sin(turn)]))
+        state = session()
+        found = state.step(line, SCALE, 10.0, 0.0)
+        holds += bool(found.force.low_n[2] <= size <= found.force.high_n[2])
+    assert holds >= 0.85 * frames
