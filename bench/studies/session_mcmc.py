@@ -198,18 +198,18 @@ def by_filter(
     """Returns the posterior of the filter, itself, and the last force with its prior's state."""
     model = rod_model(info, SETTINGS.segments)
     filter_ = SessionFilter(SETTINGS, Knowledge.stated(SETTINGS), model, info)
-    answer: Any = None
+    result: Any = None
     for line, knob in zip(lines, knobs.tolist(), strict=True):
-        answer = filter_.step(line, scale, knob, 2.0)
+        result = filter_.step(line, scale, knob, 2.0)
     state = filter_.state
     assert state is not None
-    force = answer.force
+    force = result.force
     posterior = Posterior(
         (float(np.hypot(*force.force_n)), float(force.low_n[2]), float(force.high_n[2])),
         (float(state.mean[EI]), math.sqrt(float(state.covariance[EI, EI]))),
         state.unloaded_curvature_per_m(),
     )
-    return posterior, filter_, answer
+    return posterior, filter_, result
 
 
 def by_chain(
@@ -296,12 +296,12 @@ def chains(lines_of: Lines, free: int, touching: int, kept: int) -> dict[str, An
     assert gain is not None
     knobs = lines_of.curvature_per_m[chosen] / gain  # without play and drift
     contact = lines_of.touching[chosen]
-    filtered, filter_, answer = by_filter(lines, knobs, frame.scale_m_per_px, lines_of.info)
+    filtered, filter_, result = by_filter(lines, knobs, frame.scale_m_per_px, lines_of.info)
     starts = lines_of.force_n[chosen, :2].copy()
     starts[~contact] = 0.0
     chain, figures = by_chain(lines, knobs, contact, filter_, lines_of.info, lines_of.seed[1], starts, kept)
     return {
-        "session": lines_of.seed, "truth_n": float(lines_of.size_n[chosen[-1]]), "contact": answer.force.contact,
+        "session": lines_of.seed, "truth_n": float(lines_of.size_n[chosen[-1]]), "contact": result.force.contact,
         "filter": filtered._asdict(), "chain": chain._asdict(), **figures,
     }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""The session model on true lines: errors, intervals and answers of the estimators that read the catheter's line.
+"""The session model on true lines: errors, intervals and abstentions of the estimators that read the catheter's line.
 
     .venv/bin/python -m bench.studies.session_posterior lines --seed 61000 --sessions 16 --out DIR
     .venv/bin/python -m bench.studies.session_posterior score --lines DIR --method rod-track --out scores.json
@@ -47,7 +47,7 @@ KNOWN = ("nothing", "base", "knob", "all")
 WRONG_N = 0.05
 """An error of the magnitude beyond this counts as wrong."""
 NARROW_N = 0.1
-"""Widest 90 % interval of the answers that the table also shows alone."""
+"""Widest 90 % interval of the estimates that the table also shows alone."""
 NOISE_PRESET, NOISE_PIXEL_M, NOISE_PIXELS = "bench-2021", 0.2e-3, 240.0
 """Preset whose measured line noise is added, its pixel, and the length in px of the lines that it was measured on."""
 
@@ -191,7 +191,7 @@ class Lines:
         return seen + (along[:, None] * share)[..., None] * tangent
 
 
-Answer = tuple[float, float, float, float, float]
+Estimate = tuple[float, float, float, float, float]
 """Force along x and y, ends of the magnitude's 90 % interval, N, and the probability of contact; NaN: abstains."""
 
 
@@ -221,7 +221,7 @@ METHODS: dict[str, tuple[type[Any], LineSettings]] = {
 WITH_MEMORY = ("rod-track", "session")
 
 
-def answers_of(lines: Lines, method: str, known: str) -> Callable[[int, FloatArray], Answer]:
+def estimates_of(lines: Lines, method: str, known: str) -> Callable[[int, FloatArray], Estimate]:
     """Returns ``method`` for one session, as a function of a frame's number and line."""
     kind, settings = METHODS[method]
     settings = settings.model_copy(update={"prior": lines.prior(known, settings.prior)})
@@ -243,13 +243,13 @@ def answers_of(lines: Lines, method: str, known: str) -> Callable[[int, FloatArr
     given = _Given()
     stream._detection = given
 
-    def answer(index: int, points: FloatArray) -> Answer:
+    def estimate(index: int, points: FloatArray) -> Estimate:
         given.shape = DetectedShape(Status.VALID, "", CentrelinePx(points))
         stamp = int(lines.time_s[index] * 1e9)
         found = stream.update(Observation(stamp, {}, {"knob_deg": float(lines.knob_deg[index])}))
         return (*found.force_n[:2].tolist(), *found.magnitude_interval_n.tolist(), found.contact)
 
-    return answer
+    return estimate
 
 
 def stream_scale(lines: Lines) -> float:
@@ -260,8 +260,8 @@ def stream_scale(lines: Lines) -> float:
 
 
 def score(lines: Lines, method: str, known: str, every: int, draw: int = 0) -> dict[str, Any]:
-    """Returns truth and answers on every ``every``-th frame in contact; a method with memory sees all frames."""
-    answer = answers_of(lines, method, known)
+    """Returns truth and estimates on every ``every``-th frame in contact; a method with memory sees all frames."""
+    estimate = estimates_of(lines, method, known)
     shown = lines.knowing(known)
     seen = shown.seen_px(draw)
     wanted = np.flatnonzero(lines.touching & (lines.size_n > CONTACT_N))[::every]
@@ -270,7 +270,7 @@ def score(lines: Lines, method: str, known: str, every: int, draw: int = 0) -> d
     rows, spent = [], []
     for k in range(len(seen)) if memory else wanted.tolist():
         start = time.perf_counter()
-        found = answer(k, seen[k])
+        found = estimate(k, seen[k])
         spent.append(time.perf_counter() - start)
         if k in chosen:
             rows.append([k, *found])
@@ -281,17 +281,17 @@ def score(lines: Lines, method: str, known: str, every: int, draw: int = 0) -> d
         "frame": [row[0] for row in rows],
         "force_n": lines.force_n[wanted, :2].tolist(), "size_n": size[wanted].tolist(),
         "angle_deg": angle[wanted].tolist(), "time_s": lines.time_s[wanted].tolist(),
-        "answer": [row[1:] for row in rows],
+        "estimate": [row[1:] for row in rows],
     }  # fmt: skip
 
 
 def gathered(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
     """Returns the scores of sessions as arrays."""
-    answer = np.concatenate([np.array(row["answer"], float).reshape(-1, 5) for row in rows])
+    estimate = np.concatenate([np.array(row["estimate"], float).reshape(-1, 5) for row in rows])
     size = np.concatenate([row["size_n"] for row in rows])
-    said = np.hypot(answer[:, 0], answer[:, 1])
+    said = np.hypot(estimate[:, 0], estimate[:, 1])
     return {
-        "truth": size, "said": said, "low": answer[:, 2], "high": answer[:, 3],
+        "truth": size, "said": said, "low": estimate[:, 2], "high": estimate[:, 3],
         "angle": np.concatenate([row["angle_deg"] for row in rows]),
         "session": np.repeat(np.arange(len(rows)), [len(row["size_n"]) for row in rows]),
     }  # fmt: skip

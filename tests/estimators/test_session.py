@@ -17,7 +17,7 @@ from tipforce.estimators.rod import (
     noise_unit_m,
     rod_model,
 )
-from tipforce.estimators.session import Answer, SessionFilter, SessionModel, SessionSettings
+from tipforce.estimators.session import FilterResult, SessionFilter, SessionModel, SessionSettings
 from tipforce.estimators.session._state import (
     GAIN,
     K0,
@@ -75,13 +75,13 @@ def see(
     knob_deg: float = 10.0,
     elapsed_s: float = FRAME_S,
     across_px: float | FloatArray = 0.0,
-) -> Answer:
+) -> FilterResult:
     return state.step(
         FRAME.line(CentrelinePx(image_of(force, knob_deg, across_px))), SCALE, knob_deg, elapsed_s
     )  # fmt: skip
 
 
-def width_n(found: Answer) -> float:
+def width_n(found: FilterResult) -> float:
     return float(found.force.high_n[2] - found.force.low_n[2])
 
 
@@ -182,7 +182,7 @@ def test_a_knob_that_turns_far_puts_the_mechanism_at_the_end_of_its_play() -> No
 
 
 def test_the_one_rule_of_abstention_is_the_width_of_the_interval() -> None:
-    answers = []
+    estimates = []
     for limit in (None, 1e-3):
         stream: Any = SessionModel(SessionSettings(max_error_n=limit)).start(INFO)
 
@@ -193,9 +193,9 @@ def test_the_one_rule_of_abstention_is_the_width_of_the_interval() -> None:
                 return Detected(self.shape, FRAME)
 
         stream._detection = Given()
-        answers.append(stream.update(Observation(0, {}, {"knob_deg": 10.0})))
+        estimates.append(stream.update(Observation(0, {}, {"knob_deg": 10.0})))
         assert stream.update(Observation(0, {}, {"knob_deg": 10.0})).status is Status.STALE
-    free, narrow = answers
+    free, narrow = estimates
     assert free.valid
     assert narrow.status is Status.UNOBSERVABLE
     assert narrow.upper_n == pytest.approx(free.magnitude_interval_n[1])

@@ -1,4 +1,4 @@
-"""The session model over time: each line is answered, and some of them teach the constants.
+"""The session model over time: each line has its force, and some of them teach the constants.
 
 If all frames taught the constants as if their errors were independent, the posterior would be narrow about wrong
 constants: errors of the model (friction, creep, the third dimension) stay for many frames. So the constants are learnt
@@ -33,7 +33,7 @@ _GROWN = 1.5
 """The session starts again if the noise is found to be larger by this factor."""
 
 
-class Answer(NamedTuple):
+class FilterResult(NamedTuple):
     """``force``: see `Mixed`; ``misfit``: mean square, of the better hypothesis, in the noise's variances.
 
     ``explained``: whether the rod explains the line; ``level``: of the noise relative to the stated one.
@@ -78,7 +78,7 @@ class SessionFilter:
         self._last_n, self._past_n = np.zeros(FORCE), np.zeros(FORCE)
         self._waited_s, self._lost_s, self._advance_m = math.inf, 0.0, 0.0
 
-    def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float, advance_m: float = 0.0) -> Answer:
+    def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float, advance_m: float = 0.0) -> FilterResult:
         """Returns the force from ``line``.
 
         Args:
@@ -87,6 +87,9 @@ class SessionFilter:
             knob_deg: reading of the knob; NaN: there is none.
             elapsed_s: time since the previous line.
             advance_m: advance of the clamp, with which the line's frame goes.
+
+        Returns:
+            The force, and whether the rod explains the line.
         """
         self._waited_s += elapsed_s
         self._lost_s += elapsed_s
@@ -123,7 +126,7 @@ class SessionFilter:
                 fits.found, float(contact), fits.free_q, fits.free_factor, fits.c, fits.s, self._scratch
             )
             self._waited_s = 0.0
-        return Answer(force, misfit, explained, self._factor)
+        return FilterResult(force, misfit, explained, self._factor)
 
     def _lay_out_noise(self, *, modes: bool) -> None:
         self._factor = self._level.factor

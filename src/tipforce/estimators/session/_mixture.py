@@ -106,6 +106,9 @@ def mixed_force(
         prior_odds: logarithm of the odds of contact beforehand.
         largest_n: the prior of the force ends here.
         scratch: the nodes.
+
+    Returns:
+        The force, its probability of contact, and its intervals.
     """
     count = 3 * found
     points, shares = np.zeros((3, count + 1)), np.zeros(count + 1)
@@ -165,9 +168,19 @@ def mixed_force(
 def mixed_constants(
     found: int, contact: float, free_q: FloatArray, free_factor: FloatArray, c: float, s: float, scratch: Scratch
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and covariance of all unknowns, over the nodes and no contact; ``contact``: its probability.
+    """Computes the moments of all unknowns over the nodes and no contact.
 
-    ``free_q``, ``free_factor``: fit without a force, and Cholesky's factor of its information.
+    Args:
+        found: number of nodes.
+        contact: probability of contact.
+        free_q: (unknowns,) fit without a force.
+        free_factor: (unknowns, unknowns) Cholesky factor of its information.
+        c: cosine of the direction of the walk.
+        s: its sine.
+        scratch: the nodes, with the shares from `mixed_force`.
+
+    Returns:
+        Mean (unknowns,) and covariance (unknowns, unknowns).
     """
     n = free_q.size
     shares = np.zeros(NODES + 1)

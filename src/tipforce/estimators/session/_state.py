@@ -111,9 +111,16 @@ class SessionState:
 
 
 def clipped_moments(mean: float, variance: float, half: float) -> tuple[float, float, float]:
-    """Returns mean and variance of a Gaussian clipped to +- ``half``, and its probability within.
+    """Returns the moments of a Gaussian that is clipped to +- ``half``.
 
-    The probability is also the factor on its covariance with any other Gaussian (Stein's lemma).
+    Args:
+        mean: its mean.
+        variance: its variance.
+        half: half of the width to which it is clipped.
+
+    Returns:
+        Mean, variance, and the probability within: the factor on the covariance with any other Gaussian, too (Stein's
+        lemma).
 
     >>> clipped_moments(0.0, 1e-6, 1.0)
     (0.0, 1e-06, 1.0)
@@ -130,11 +137,14 @@ def clipped_moments(mean: float, variance: float, half: float) -> tuple[float, f
 
 
 def line_modes(error: LineError, unit_m: float) -> FloatArray:
-    """Returns (POINTS + 1, MODES + CAMERA + EXTRA): lasting errors of the line, the rest zero.
+    """Makes the modes of a session's lines.
 
     Args:
         error: error of the line.
         unit_m: metres of a pixel of ``error``.
+
+    Returns:
+        (POINTS + 1, MODES + CAMERA + EXTRA): lasting errors of the line, the rest zero.
     """
     modes = np.zeros((POINTS + 1, MODES + CAMERA + EXTRA))
     modes[:, :MODES] = error.modes * unit_m

@@ -77,7 +77,15 @@ class Scratch(NamedTuple):
 
 
 def make_scratch(rod: Work, unknowns: int) -> Scratch:
-    """Makes the buffers for ``unknowns`` unknowns; ``rod``: see `make_work`."""
+    """Makes the buffers.
+
+    Args:
+        rod: buffers of the rod's fit, see `make_work`.
+        unknowns: number of unknowns.
+
+    Returns:
+        The buffers.
+    """
     n = rod.theta.size
     return Scratch(
         rod, np.zeros(unknowns), np.zeros(n), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
@@ -98,7 +106,17 @@ class Fit(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def predict(q: FloatArray, session: Session, line: Line, scratch: Scratch) -> bool:
-    """Fills residual and slopes at ``q``, from the shape in ``scratch.rod.theta``; False: there is no stable shape."""
+    """Computes residual and slopes of the line at ``q`` into ``scratch.rod``.
+
+    Args:
+        q: (unknowns,) see `Session`.
+        session: constants of the fit.
+        line: the line.
+        scratch: buffers; ``rod.theta`` holds the start of the shape.
+
+    Returns:
+        Whether there is such a stable shape.
+    """
     count, work = q.size, scratch.rod
     rod_q = scratch.rod_q
     for k in range(count):
@@ -219,8 +237,19 @@ def relax(
 ) -> Fit:
     """Moves ``q`` to the minimum, with the last ``fixed`` components of the force held (Levenberg-Marquardt).
 
-    ``force_information``: of a Gaussian about no force, which the start of a walk has in place of the flat prior.
-    ``most``: largest number of steps. ``scratch.rod.theta`` holds the shape of the start.
+    Args:
+        q: (unknowns,) start, then result.
+        mean: (unknowns,) mean of the prior of the constants.
+        information: (unknowns, unknowns) inverse of its covariance; the rows of the force do not count.
+        session: constants of the fit.
+        line: the line.
+        fixed: number of held components of the force: 0, or 2.
+        force_information: of a Gaussian about no force, which the start of a walk has in place of the flat prior.
+        most: largest number of steps.
+        scratch: buffers; ``rod.theta`` holds the shape of the start. Its matrix is left factorised.
+
+    Returns:
+        The fit.
     """
     work, count = scratch.rod, q.size
     trial = scratch.start
@@ -364,9 +393,21 @@ def walk(
     std_n: float,
     scratch: Scratch,
 ) -> tuple[int, float]:
-    """Walks from ``q`` along (``c``, ``s``) to both sides; number of nodes, and their distance in N.
+    """Walks from ``q`` along (``c``, ``s``) to both sides.
 
-    ``std_n``: standard deviation along the walk at ``q``. The nodes are in `Scratch` in any order.
+    Args:
+        q: (unknowns,) the best fit.
+        mean: (unknowns,) mean of the prior of the constants.
+        information: (unknowns, unknowns) inverse of its covariance.
+        session: constants of the fit.
+        line: the line.
+        c: cosine of the direction of the walk.
+        s: its sine.
+        std_n: standard deviation along the walk at ``q``.
+        scratch: buffers; the nodes are left in them, in any order.
+
+    Returns:
+        Number of nodes, and their distance in N.
     """
     work, count = scratch.rod, q.size
     step_n = min(_LONGEST_N, max(_SHORTEST_N, _NODE_STD * std_n))
