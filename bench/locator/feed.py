@@ -67,7 +67,7 @@ def scene_windows(rng: np.random.Generator) -> Iterator[Any]:
 def preset_windows(rng: np.random.Generator, seed: int) -> Iterator[Any]:
     """Yields windows of stored images; one image is replaced after every few windows."""
     kept: list[LabelledImage] = []
-    for sample in _preset_images(rng, seed):
+    for sample in labelled_images(rng, seed):
         kept.append(sample)
         if len(kept) > _RESERVOIR_IMAGES:
             kept.pop(int(rng.integers(_RESERVOIR_IMAGES)))
@@ -76,7 +76,8 @@ def preset_windows(rng: np.random.Generator, seed: int) -> Iterator[Any]:
             yield window(random_scene(chosen, rng), rng, 2 if chosen.xray else 1)
 
 
-def _preset_images(rng: np.random.Generator, seed: int) -> Iterator[LabelledImage]:
+def labelled_images(rng: np.random.Generator, seed: int) -> Iterator[LabelledImage]:
+    """Yields images of sessions of the presets, in their shares."""
     names, shares = list(PRESET_IMAGE_SHARES), np.array(list(PRESET_IMAGE_SHARES.values()))
     number = 0
     while True:

@@ -144,3 +144,28 @@ def test_the_checkpoint_of_the_repository_finds_the_catheter_in_most_scenes(scen
         found = network(network_input(batch["image"], planes))
     assert heat_peaks(found.heat)[0].shape == (12, 16, 2)
     assert float(figures(found, batch)["points"].nanmean()) > 0.6
+
+
+def test_a_strip_of_a_scene_has_the_true_axis_and_ends(scenes):
+    from bench.locator.line import Source, loss, target
+
+    from tipforce.vision.locator import ALONG
+
+    one = next(scene for scene in scenes if scene.present and (scene.state == SEEN).all())
+    source = Source(one.image, one.line, one.state, one.diameter_px)
+    rng = np.random.default_rng(3)
+    drawn = [target(source, rng) for _ in range(12)]
+    right = [each for each in drawn if each.right > 0.5]
+    assert len(right) > 3
+    for each in right:
+        assert np.abs(each.offset[each.asked]).max() < 1.5
+        assert 0.0 < each.ends[0] < 0.4 * ALONG or each.ends[0] == -1.0
+        assert each.ends[1] > 0.6 * ALONG
+    wanted = {
+        name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn]))
+        for name in ("offset", "asked", "seen", "judged", "ends", "right")
+    }
+    zero = torch.zeros(12, ALONG)
+    true = wanted["offset"], zero - 3.0, zero, zero, 8.0 * wanted["seen"] - 4.0, 8.0 * wanted["right"] - 4.0
+    false = wanted["offset"] + 0.5, zero - 3.0, zero, zero, 4.0 - 8.0 * wanted["seen"], 4.0 - 8.0 * wanted["right"]
+    assert loss(true, wanted) < loss(false, wanted)

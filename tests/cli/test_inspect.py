@@ -163,7 +163,7 @@ def test_settings_that_were_found_are_said_to_be_so(frame: Path, tmp_path: Path)
     assert "found automatically" in found.stderr
     stated = [
         word
-        for key in ("polarity=dark", "base_side=left", "threshold=130", "diameter_px=13")
+        for key in ("method=tracer", "polarity=dark", "base_side=left", "threshold=130", "diameter_px=13")
         for word in ("--set", f"vision.{key}")
     ]
     assert "found automatically" not in run(frame, "-o", tmp_path / "d.png", "--overwrite", *stated).stderr

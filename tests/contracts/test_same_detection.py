@@ -202,7 +202,6 @@ def test_one_stated_fact_suffices_to_leave_the_wrong_line_out(catheter: Catheter
     shown = [with_thin_line(catheter=False)] * images
     assert not SessionDetector(VisionSettings(), info, shown).detect(shown[0]).found
     assert not SessionDetector(VisionSettings(), info).detect(shown[0]).found
-    assert SessionDetector(VisionSettings(), SessionInfo(), shown).detect(shown[0]).found, "stated by nothing"
 
 
 def test_a_stated_part_of_the_image_holds_beside_settings_that_leave_nothing_open() -> None:

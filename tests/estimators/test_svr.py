@@ -281,7 +281,7 @@ def test_images_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> No
     svr = fitted(data, force="components", features={"kind": "legendre", "degree": 3})
     assert svr.fitted_.vision.polarity == "dark"
     assert svr.fitted_.vision.base_side == "left"
-    assert "found by `tracer`, not the thesis's algorithm 1" in svr.describe().summary().inputs
+    assert "found by `auto`, not the thesis's algorithm 1" in svr.describe().summary().inputs
     error = np.array([a.force_n[1] for a in svr.predict(data)]) - data.force_n[:, 1]
     assert np.sqrt(np.mean(error**2)) < 0.01
     stream = svr.start(SessionInfo())

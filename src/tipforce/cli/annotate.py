@@ -71,6 +71,7 @@ def command(
         output or detector_beside(path, bench),
         settings=settings_from(AnnotateSettings, settings),
         bench=stated_info(bench, fact),
+        bench_file=bench,
     )
     figures: dict[str, Any] = {"path": str(path), "annotations": str(job.store.file)}
     if source is not None:
@@ -83,16 +84,24 @@ def command(
         with progress_bar() as progress:
             result = job.train(progress)
         say(f"trained on {len(job.finished)} frames in {result.seconds:.0f} s; wrote {result.folder}")
+        say(_use(result.folder, bench))
         figures["detector"], figures["seconds"] = str(result.folder), result.seconds
     if export is not None:
         say(f"wrote {export}: {job.export(export)} frames")
     if source is None and export is None and not train:
-        _page(job, frames, host, port)
+        _page(job, frames, host, port, bench)
     say(f"{len(job.finished)} of {len(job.store.frames)} frames are finished; saved in {job.store.file}")
     write_json({**figures, "finished": len(job.finished), "frames": len(job.store.frames)}, json_file)
 
 
-def _page(job: "AnnotationJob", frames: int, host: str, port: int) -> None:
+def _use(folder: Path, bench: Path | None) -> str:
+    """Returns the sentence that says how the other verbs use the detector in ``folder``."""
+    if bench is not None:
+        return f"{bench} names it: all verbs with --bench {bench} use it"
+    return f"use it with --set vision.detector={folder}, or name it in bench.toml as views.camera.detector"
+
+
+def _page(job: "AnnotationJob", frames: int, host: str, port: int, bench: Path | None) -> None:
     """Serves the page until the person presses "Finish"."""
     with ExitStack() as stack:
         with progress_bar() as progress:
@@ -103,6 +112,7 @@ def _page(job: "AnnotationJob", frames: int, host: str, port: int) -> None:
         trained = server.training.status
     if trained.state == "done":
         say(f"wrote {trained.message}")
+        say(_use(job.detector, bench))
 
 
 def _wait(server: "AnnotationServer") -> None:

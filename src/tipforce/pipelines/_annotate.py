@@ -1,7 +1,9 @@
 """Annotates the catheter in frames that differ, and fine-tunes the detector on them."""
 
+import os
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +29,8 @@ from ..annotation import (
     write_marks,
 )
 from ..errors import InputError
-from ..types import DetectedShape, Image, SessionInfo
+from ..io import atomic_text
+from ..types import DetectedShape, Image, SessionInfo, edited_bench
 from ..vision import SessionDetector, VisionSettings
 from ._estimate import session_info_from
 
@@ -46,7 +49,7 @@ class AnnotateSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    vision: VisionSettings = VisionSettings(method="auto")
+    vision: VisionSettings = VisionSettings()
 
 
 class AnnotationJob:
@@ -57,6 +60,7 @@ class AnnotationJob:
         detector: folder of the fine-tuned detector.
         settings: settings of the detector whose lines are proposed.
         bench: metadata in place of those in the file.
+        bench_file: the ``bench.toml`` that is to name the detector; None: no file is changed.
 
     Raises:
         InputError: there is no image, the annotations belong to other images, or ``detector`` is a folder with other
@@ -70,7 +74,9 @@ class AnnotationJob:
         *,
         settings: AnnotateSettings | Mapping[str, Any] | None = None,
         bench: SessionInfo | str | Path | None = None,
+        bench_file: Path | None = None,
     ) -> None:
+        self._bench_file = bench_file
         if detector.exists() and not (detector / FACTS).is_file():
             raise InputError(f"{detector}: exists already and is no detector of a training; choose another folder")
         self._vision = AnnotateSettings.model_validate(settings or {}).vision
@@ -221,11 +227,32 @@ class AnnotationJob:
     ) -> TrainedDetector:
         from ._fine_tune_locator import fine_tune_locator
 
-        return fine_tune_locator(annotations, images, self.detector, on_progress=progress)
+        trained = fine_tune_locator(annotations, images, self.detector, on_progress=progress)
+        if self._bench_file is not None:
+            name_detector(self._bench_file, self._vision.view, self.detector)
+        return trained
 
 
 def _silent(step: str, share: float) -> None:
     del step, share
+
+
+def name_detector(bench: Path, view: str, detector: Path) -> None:
+    """Writes the folder of a fine-tuned detector into a ``bench.toml``; the rest of the file stays as it is.
+
+    Args:
+        bench: the ``bench.toml``.
+        view: name of the view whose images the detector was trained on.
+        detector: its folder.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    folder = Path(os.path.relpath(detector, bench.parent)).as_posix()
+    note = f"tipforce annotate, {date.today().isoformat()}"
+    text = edited_bench(bench.read_text(encoding="utf-8"), {f"views.{view}.detector": (folder, note)}, str(bench))
+    with atomic_text(bench) as out:
+        out.write(text)
 
 
 def detector_beside(path: Path, bench: Path | None) -> Path:

@@ -498,7 +498,11 @@ class _RunDetector:
             self._look(frame)
 
     def _calibrated(self, images: list[Image]) -> Callable[[Image], DetectedShape]:
-        return ShapeDetector(auto_calibrate(self._settings, images, self._context, whole=False)).detect
+        vision = auto_calibrate(self._settings, images, self._context, whole=False)
+        if vision.locator is not None and vision.locator.tracer:
+            # lines of one detector only: a change from one to the other looks like a movement of the tip
+            vision = vision.model_copy(update={"locator": None})
+        return ShapeDetector(vision).detect
 
     def _look(self, frame: Frame) -> None:
         if self._detect is None or frame.view != self.view:

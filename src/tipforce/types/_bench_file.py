@@ -4,6 +4,7 @@ import json
 import math
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,7 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             ("modality", '"camera"', "camera or xray"),
             ("projection", "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]", "3 x 4: metres to pixels"),
             ("projection_frame", '"base"', "base, or isocentre: x to the patient's left, y to the back, z to the head"),
+            ("detector", '"detector"', "folder that `tipforce annotate` wrote, beside this file"),
         ),
     ),
     "sensor": (
@@ -183,7 +185,13 @@ def read_bench(path: Path | str) -> SessionInfo:
         InputError: a key is unknown or a value refused; the message names file, key and the expected value.
     """
     values = bench_values(path)
-    return SessionInfo.from_values({key: value for key, value in values.items() if key not in _DEVICES}, str(path))
+    info = SessionInfo.from_values({key: value for key, value in values.items() if key not in _DEVICES}, str(path))
+    folder = Path(path).parent.absolute()
+    views = {
+        name: view if view.detector is None else replace(view, detector=str(folder / view.detector))
+        for name, view in info.views.items()
+    }
+    return replace(info, views=views)
 
 
 def bench_values(path: Path | str) -> dict[str, Any]:

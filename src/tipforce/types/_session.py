@@ -76,6 +76,7 @@ class ViewInfo:
         metres_per_px_uncertainty: relative standard uncertainty of the scale.
         tilt_uncertainty_deg: standard uncertainty of the angle between plane of bending and image, about either of its
             axes, degrees.
+        detector: folder of a locator that `tipforce annotate` fine-tuned on this bench.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -90,6 +91,7 @@ class ViewInfo:
     projection_frame: Literal["base", "isocentre"] | None = None
     metres_per_px_uncertainty: Annotated[float, _within("metres_per_px_uncertainty")] | None = None
     tilt_uncertainty_deg: Annotated[float, _within("tilt_uncertainty_deg")] | None = None
+    detector: str | None = None
 
 
 DateOrder = Literal["dmy", "mdy", "ymd"]

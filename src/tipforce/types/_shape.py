@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ._arrays import FloatArray, frozen
+from ._arrays import BoolArray, FloatArray, frozen
 from ._status import Status
 
 
@@ -74,6 +74,9 @@ class DetectedShape:
             single-pixel line of thesis algorithm 1, one point a column.
         probability_right: probability that tip and line are where they were detected, 0 to 1; NaN where the method does
             not estimate it.
+        seen: (n,) whether the catheter is visible at each point of the centreline, not hidden behind an object; None
+            where the method finds visible lines only.
+        covariance_px2: (n, 2, 2) covariance of each point of the centreline, px^2; None where it is not estimated.
     """
 
     status: Status
@@ -84,6 +87,20 @@ class DetectedShape:
     confidence: float = 0.0
     fitted_px: FloatArray | None = None
     probability_right: float = math.nan
+    seen: BoolArray | None = None
+    covariance_px2: FloatArray | None = None
+
+    @property
+    def tip_seen(self) -> bool:
+        """Whether the tip is visible; False where nothing was found."""
+        return self.found and (self.seen is None or bool(self.seen[-1]))
+
+    @property
+    def tip_std_px(self) -> float:
+        """Standard deviation of the tip in its least certain direction, px; 0 where it is not estimated."""
+        if self.covariance_px2 is None:
+            return 0.0
+        return math.sqrt(float(np.linalg.eigvalsh(self.covariance_px2[-1])[-1]))
 
     def moved(self, by_px: FloatArray) -> "DetectedShape":
         """Returns the same shape, shifted by (u, v) ``by_px`` in the image."""

@@ -1,38 +1,39 @@
-"""Auto-calibration: finds the vision settings that the user left open, once and on several images."""
+"""Auto-calibration: finds the vision settings that the user left open, once and on several images.
+
+The locator says which object is the catheter: where its base is, on which side, of which polarity and size. The tracer
+then learns the threshold, the length and the template of the tip of that object.
+"""
 
 import math
 import statistics
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from itertools import islice, product
+from itertools import islice
 
 import numpy as np
 
 from ..errors import InputError
-from ..types import DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._by_keypoints import find_by_keypoints
-from ._rejection import TWO_OBJECTS, enough_images, rejection_reason, with_rejection
+from ..types import Box, DetectedShape, FloatArray, Image, SessionInfo, Status
+from ._by_locator import network_file, same_line, stated_prompts
+from ._line_probability import probability
 from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
-from ._settings import SIDES, BaseSide, Polarity, ResolvedVision, VisionSettings
-from .tracer import Trace, Tracer, base_box, find_mouths
+from ._settings import BaseSide, LocatorPrior, Polarity, ResolvedVision, VisionSettings
+from .locator import MIN_FRAMES, SessionConstants, session_constants
+from .tracer import Trace, Tracer
 
 _FRAMES = 16
 TEMPLATE_ROUNDS = 3
 """Number of times that the tip template is learnt: with a template the tip is found more often."""
-_THICK_PX = 12.0
-MAX_MOUTHS = 4
-"""Number of mouths of a sheath that are tried at a border."""
-_CLEARLY = 0.75
-"""Where no sheath is seen before the shaft, it must be found in this share of the images."""
-_SHARES = (1.0, 1.05, 0.95)
-"""The tip is searched about these shares of the stated length: an edge of a metal tip or a ring may be clearer."""
-_APART, _RIVAL = 3.0, 0.7
-"""Two shafts could both be the catheter if they begin at least this number of diameters apart, and the second is found
-in this share of the images of the first."""
-_POLARITIES: tuple[Polarity, ...] = ("dark", "light")
-
-
-class _Ambiguous(InputError):
-    """Two objects could be the catheter: a person must say which."""
+MAX_LOCATED_FRAMES = 8
+"""The locator reads this number of the images: each takes it 20 to 50 ms."""
+MIN_AGREEING_SHARE = 0.5
+"""Where the tracer and the locator find the same line in this share of the images, the tracer is asked first."""
+MIN_TRACED_SHARE = 0.25
+"""It must find a line in this share of the images."""
+MIN_SESSION_PROBABILITY = 0.2
+"""One line of the session must be right with this probability, where the tracer does not find the same object."""
+BOX_LENGTH_DIAMETERS, BOX_HALF_WIDTH_DIAMETERS = 3.0, 1.6
+"""Size of the base region that the tracer is given."""
 
 
 def is_resolved(settings: VisionSettings) -> bool:
@@ -43,6 +44,11 @@ def is_resolved(settings: VisionSettings) -> bool:
         and settings.threshold is not None
         and settings.diameter_px is not None
     )
+
+
+def enough_images(frames: Sequence[Image]) -> bool:
+    """Whether there are enough ``frames`` of a session to refuse an object in all of them."""
+    return len(frames) >= MIN_FRAMES
 
 
 def _noise(image: Image) -> float:
@@ -105,31 +111,18 @@ def _levels(image: Image, shape: DetectedShape) -> tuple[float, float]:
     return median(np.linspace(-0.4, 0.4, 9)), median(np.array([-1.3, -1.1, -0.9, 0.9, 1.1, 1.3]))
 
 
-def _best_side(
-    vision: ResolvedVision, ways: Sequence[tuple[BaseSide, Polarity]], frames: Sequence[Image],
-    infos: Sequence[SessionInfo], reasons: list[str],
-) -> tuple[ResolvedVision, list[Trace | None]] | None:  # fmt: skip
-    """Returns the one of ``ways`` with the best shafts, and each frame's trace if convincing; fills ``reasons``."""
-    noise = [_noise(frame) for frame in frames]
-    best: tuple[float, ResolvedVision, list[Trace | None]] | None = None
-    for side, polarity in ways:
-        tried = vision.model_copy(update={"base_side": side, "polarity": polarity})
-        found = [Tracer(for_session(tried, c)).best_trace(frame) for frame, c in zip(frames, infos, strict=True)]
-        traces = [
-            trace if trace and _convincing(trace, n) else None for (trace, _), n in zip(found, noise, strict=True)
-        ]
+def _traces(
+    vision: ResolvedVision, frames: Sequence[Image], infos: Sequence[SessionInfo]
+) -> tuple[list[Trace | None], list[str]]:
+    """Returns each frame's trace if it is convincing, and the reasons why others are not."""
+    traces: list[Trace | None] = []
+    reasons: list[str] = []
+    for frame, info in zip(frames, infos, strict=True):
+        trace, reason = Tracer(for_session(vision, info)).best_trace(frame)
+        traces.append(trace if trace and _convincing(trace, _noise(frame)) else None)
         # a shaft that was followed to an end is a better reason than an empty border
-        reasons[:0] = [trace.detail for trace, _ in found[:1] if trace and trace.detail]
-        reasons += [why for trace, why in found[:1] if trace is None]
-        # of two shafts that end inside the image the thicker, clearer one is the catheter, the other a cable
-        score = sum(
-            trace.score * min(1.0, trace.contrast / 40.0) * min(1.0, trace.diameter_px / _THICK_PX)
-            for trace in traces
-            if trace
-        )
-        if score > 0.0 and (best is None or score > best[0]):
-            best = (score, tried, traces)
-    return best and best[1:]
+        reasons.append(trace.detail if trace and trace.detail else reason)
+    return traces, sorted(filter(None, reasons), key=lambda reason: "border" in reason)
 
 
 def _lines(
@@ -145,35 +138,32 @@ def _lines(
 
 def _calibrated(
     settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo], one: bool,
-    share: float = 1.0,
+    length_px: float | None = None,
 ) -> ResolvedVision:  # fmt: skip
-    """Finds the settings that ``stated`` (``settings`` with the session metadata of the view) leave open.
+    """Finds the settings of the tracer that ``stated`` leaves open.
 
-    ``one``: all frames are of one session, so that its tip template can be learnt. ``share``: of the stated length,
-    about which it is searched. Raises InputError without a shaft.
+    Args:
+        settings: the settings of the user.
+        stated: the same with everything that is known; side and polarity are.
+        frames: images.
+        each: metadata of each image.
+        one: all frames are of one session, so that its tip template can be learnt.
+        length_px: length of the catheter in the image, as the locator finds it; None: as the metadata state it.
+
+    Raises:
+        InputError: the tracer finds no shaft.
     """
-    reasons: list[str] = []
-    sides = SIDES if stated.base_side == "auto" else (stated.base_side,)
-    polarities = _POLARITIES if stated.polarity == "auto" else (stated.polarity,)
-    ways = tuple(product(sides, polarities))
-    first_way = stated.model_copy(update={"base_side": sides[0], "polarity": polarities[0]})
-    start = ResolvedVision.stated(first_way).model_copy(update={"settings": settings})
-    sized = with_nominal(start, each[0])
-    if share != 1.0 and sized.length_px is not None:
-        sized = sized.model_copy(update={"length_px": round(share * sized.length_px, 2)})
-    found = _best_side(sized, ways, frames, each, reasons)
-    if found is None:
-        different = list(dict.fromkeys(reason for reason in reasons if reason))
-        first_reason = different[0] if different else "nothing enters"
-        if len(ways) > 1:
-            first_reason += f"; {len(ways)} combinations of side and polarity tried"
+    start = ResolvedVision.stated(stated).model_copy(update={"settings": settings})
+    guess = chosen = with_nominal(start, each[0])
+    if length_px is not None and settings.length_px is None and chosen.length_px is not None:
+        guess = chosen = chosen.model_copy(update={"length_px": round(length_px, 2)})
+    traces, reasons = _traces(chosen, frames, each)
+    if not any(traces):
         first = "the first frame" if len(frames) == 1 else f"the first {len(frames)} frames"
         raise InputError(
-            f"no catheter was found in {first} ({first_reason}): set polarity and base_side, "
-            + ("or move base_region" if stated.base_region else "or mark the shaft's base with base_region")
+            f"no catheter was found in {first} ({reasons[0] if reasons else 'nothing enters'}): set polarity and "
+            "base_side, or " + ("move base_region" if stated.base_region else "mark the shaft's base with base_region")
         )
-    chosen, traces = found
-    guess = chosen
     if settings.length_px is None and chosen.length_px is not None:
         chosen = learn_length(guess, each, frames, _lines(guess, frames, each, traces))
         if one and chosen is not guess:
@@ -199,7 +189,7 @@ def _calibrated(
             for trace, scale in zip(traces, scales, strict=True)
             if trace
         ]
-        chosen = chosen.model_copy(update={"diameter_px": round(statistics.median(widths), 2)})
+        chosen = chosen.model_copy(update={"diameter_px": round(statistics.median(widths), 1)})
     return chosen
 
 
@@ -209,26 +199,19 @@ def auto_calibrate(
 ) -> ResolvedVision:  # fmt: skip
     """Finds the open values of ``settings`` on the first 16 ``images``: polarity, base side, threshold, diameter.
 
-    Every open combination of side and polarity is traced; the one with the longest, clearest shaft that ends inside
-    the image wins. Values that are set stay. Where the size of the catheter and the scale are known, only a shaft of
-    that size counts, and its length in the image is learnt too; with one session also the tip template. That works
-    best with images from all over a session, because the ground beneath the tip must change.
+    Values that are set stay, and are prompts of the locator. Where the size of the catheter and the scale are known,
+    the length in the image is learnt too; with one session also the tip template, the base and the constants of the
+    locator. That works best with images from all over a session, because the ground beneath the tip must change.
 
     Args:
         settings: the settings of the user.
         images: (h, w) grey or (h, w, 3) RGB, uint8.
         infos: metadata of the session; or one entry for each image.
-        whole: the images are from all over the session. Then a shaft that stands still in all of them while they change
-            is taken for a post. Not so at the beginning, when the catheter waits for the tissue.
+        whole: the images are from all over the session. Then an object that stands still in all of them while they
+            change is taken for a post. Not so at the beginning, when the catheter waits for the tissue.
 
     Returns:
         The settings with all values, stated or found.
-
-    With three images or more of one session the result is checked: see `rejection_reason`. Where the size is stated, a
-    catheter that comes out of a sheath in view is preferred to a shaft that begins at the border. Where no shaft at the
-    border is the catheter, it is searched from every position where a thin tube begins. With the method "auto" the
-    trained networks then examine the same images: where their probability is high, they continue in images that the
-    tracer refuses, and take its place where it found nothing or another object.
 
     Raises:
         InputError: no frame shows a catheter, the detected object cannot be one, or two objects could be it.
@@ -240,93 +223,152 @@ def auto_calibrate(
     frames = list(islice(images, _FRAMES))
     if not frames:
         raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")
-    each = [infos or SessionInfo()] * len(frames) if infos is None or isinstance(infos, SessionInfo) else list(infos)
+    one = isinstance(infos, SessionInfo)
+    each = [infos or SessionInfo()] * len(frames) if infos is None or one else list(infos)
     each = each[: len(frames)]
-    one = isinstance(infos, SessionInfo) and enough_images(frames)
     stated = with_view(settings, each[0])
-    traced: ResolvedVision | None = None
-    refused: InputError | None = None
+    if settings.method == "tracer" and "auto" not in (stated.polarity, stated.base_side):
+        return _with_rejection(_calibrated(settings, stated, frames, each, one))
+    if not one:
+        return _shared(settings, stated, frames, each)
+    return _of_session(settings, stated, frames, each[0], whole=whole)
+
+
+def _of_session(
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo, *, whole: bool
+) -> ResolvedVision:
+    """Returns the settings for one session, with the constants that the locator finds in its images."""
+    located = frames[:: -(-len(frames) // MAX_LOCATED_FRAMES)]
     try:
-        traced = _traced(settings, stated, frames, each, one=one, alike=isinstance(infos, SessionInfo), whole=whole)
+        constants = session_constants(
+            located,
+            stated_prompts(stated, nominal_px(info, stated.view)),
+            moves=whole and enough_images(frames),
+            network=network_file(stated.detector),
+        )
     except InputError as error:
-        refused = error
-    if one and settings.method == "auto" and not isinstance(refused, _Ambiguous):
-        located = find_by_keypoints(settings, stated, frames, each[0], traced, whole=whole)
-        if located is not None:
-            return located
-    if refused is not None:
-        raise refused
-    assert traced is not None
-    return traced
-
-
-def _traced(
-    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo], *,
-    one: bool, alike: bool, whole: bool,
-) -> ResolvedVision:  # fmt: skip
-    """Returns the result of the tracer at the border or beyond the mouth of a sheath.
-
-    ``alike``: all frames are of one session; ``one``: and enough for `rejection_reason`. Raises InputError.
-    """
-    border: ResolvedVision | None = None
-    refused: InputError | None = None
+        raise InputError(f"{error}: {_remedy(stated)}") from error
+    way = _way(stated, constants, frames[0])
+    found = ResolvedVision.stated(way).model_copy(
+        update={"settings": settings, "diameter_px": round(constants.diameter_px, 3)}
+    )
+    agrees, traced = False, found
     try:
-        border = _calibrated(settings, stated, frames, each, alike)
-        reason = rejection_reason(border, frames, each[0], whole=whole)[0] if one else ""
-        if reason:
-            kind = _Ambiguous if reason.startswith(TWO_OBJECTS) else InputError
-            refused = kind(f"the object found in the first {len(frames)} frames cannot be the catheter: {reason}")
+        traced = _calibrated(settings, way, frames, [info] * len(frames), True, constants.length_px)
+        agrees = _agrees(Tracer(traced), located, constants)
+        found = traced if agrees else found
     except InputError as error:
-        refused = error
-    searched = one and stated.base_region is None
-    mouth = _beyond_mouth(settings, stated, frames, each[0], whole, sheathed=refused is None) if searched else None
-    if mouth is not None:
-        return with_rejection(mouth)
-    if border is None or refused is not None:
-        assert refused is not None
-        raise refused
-    return with_rejection(border) if one else border
+        if settings.method == "tracer":
+            raise error
+    if settings.method == "tracer":
+        if not agrees and enough_images(frames):
+            raise InputError(f"the tracer follows another object than the locator finds: {_remedy(stated)}")
+        return _with_rejection(traced)
+    likely = max((probability(line) for line in constants.lines if line is not None), default=0.0)
+    if not agrees and likely < MIN_SESSION_PROBABILITY:
+        begins = constants.base_px
+        raise InputError(
+            f"the object found, which begins at ({begins[0]:.0f}, {begins[1]:.0f}), is the catheter with a probability "
+            f"of {likely:.0%} at most: {_remedy(stated)}"
+        )
+    prior = LocatorPrior(
+        session=info.name,
+        base_px=(float(round(constants.base_px[0])), float(round(constants.base_px[1]))),
+        base_in_view=constants.base_in_view,
+        length_px=round(constants.length_px),
+        length_std_px=round(max(constants.length_std_px, 0.1), 1),
+        diameter_px=round(constants.diameter_px, 1),
+        tracer=agrees,
+    )
+    return _with_rejection(
+        found.model_copy(
+            update={
+                "locator": prior,
+                "nominal_px": nominal_px(info, stated.view),
+                "detector": stated.detector,
+            }
+        )
+    )
 
 
-def _beyond_mouth(
-    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], info: SessionInfo, whole: bool, *,
-    sheathed: bool,
-) -> ResolvedVision | None:  # fmt: skip
-    """Returns the detection of a shaft that comes out of a sheath, calibrated from its mouth on; None without one.
+def _remedy(stated: VisionSettings) -> str:
+    """Returns the one statement of the user that helps most."""
+    if stated.base_region is not None:
+        return "base_region must cross the shaft right behind its base, and roi must exclude similar objects"
+    return "mark the shaft's base with base_region"
 
-    The sheath's length in view is unknown, so the stated size is needed. ``sheathed``: only out of a sheath that is
-    seen. Raises InputError where it could be one of
-    two.
+
+def _way(stated: VisionSettings, constants: SessionConstants, frame: Image) -> VisionSettings:
+    """Returns ``stated`` with the side, the polarity and the base of the object that the locator found."""
+    side = stated.base_side if stated.base_side != "auto" else _side(constants.heading_rad)
+    polarity: Polarity = stated.polarity if stated.polarity != "auto" else "dark" if constants.darker else "light"
+    box = stated.base_region
+    if box is None:
+        box = _base_box(constants.base_px, side, constants.diameter_px, frame.shape[:2])
+    return stated.model_copy(update={"base_side": side, "polarity": polarity, "base_region": box})
+
+
+def _side(heading_rad: float) -> BaseSide:
+    """Returns the side that a shaft with this direction at its base comes from; v points down."""
+    sides: tuple[BaseSide, ...] = ("left", "top", "right", "bottom")
+    return sides[round(heading_rad / (0.5 * math.pi)) % 4]
+
+
+def _base_box(base_px: FloatArray, side: BaseSide, diameter_px: float, size: tuple[int, int]) -> Box:
+    """Returns the base region just beyond ``base_px`` in an image of ``size`` (h, w)."""
+    rows, columns = size
+    base_px = np.clip(base_px, 0, (columns - 1, rows - 1))
+    ahead = {"left": (1, 0), "right": (-1, 0), "top": (0, 1), "bottom": (0, -1)}[side]
+    reach, half = BOX_LENGTH_DIAMETERS * diameter_px, BOX_HALF_WIDTH_DIAMETERS * diameter_px
+    low, high = base_px.copy(), base_px.copy()
+    for k, step in enumerate(ahead):
+        low[k] += -half if step == 0 else -reach if step < 0 else 0.0
+        high[k] += half if step == 0 else reach if step > 0 else 0.0
+    u0, v0 = np.ceil(low).astype(int).tolist()
+    u1, v1 = (np.ceil(high).astype(int) + 1).tolist()
+    return max(u0, 0), max(v0, 0), min(u1, columns), min(v1, rows)
+
+
+def _agrees(tracer: Tracer, frames: Sequence[Image], constants: SessionConstants) -> bool:
+    """Whether ``tracer`` finds the locator's line, in most images in which both find one, and finds one often."""
+    both = [
+        same_line(shape.centreline.points, line.points, constants.diameter_px)
+        for frame, line in zip(frames, constants.lines, strict=True)
+        if line is not None and (shape := tracer.detect(frame)).centreline is not None
+    ]
+    return len(both) >= max(1.0, MIN_TRACED_SHARE * len(frames)) and sum(both) > MIN_AGREEING_SHARE * len(both)
+
+
+def _shared(
+    settings: VisionSettings, stated: VisionSettings, frames: Sequence[Image], each: Sequence[SessionInfo]
+) -> ResolvedVision:
+    """Returns the settings of the tracer for images of several sessions, or of unknown ones."""
+    ways: Counter[tuple[BaseSide, Polarity]] = Counter()
+    reason: InputError | None = None
+    for frame, info in zip(frames, each, strict=True):
+        own = with_view(settings, info)
+        try:
+            prompts = stated_prompts(own, nominal_px(info, own.view))
+            constants = session_constants([frame], prompts, moves=False, network=network_file(own.detector))
+        except InputError as error:
+            reason = error
+            continue
+        way = _way(own, constants, frame)
+        assert way.base_side != "auto"
+        ways[way.base_side, way.polarity] += 1
+    if not ways:
+        raise InputError(f"{reason}: {_remedy(stated)}")
+    (side, polarity), _ = ways.most_common(1)[0]
+    return _calibrated(
+        settings, stated.model_copy(update={"base_side": side, "polarity": polarity}), frames, each, one=False
+    )
+
+
+def _with_rejection(vision: ResolvedVision) -> ResolvedVision:
+    """Returns ``vision`` that refuses each frame whose line is not right with the least probability.
+
+    Unchanged where the catheter's size is not stated.
     """
-    nominal = nominal_px(info, stated.view)
-    if nominal is None or len({frame.shape for frame in frames}) > 1:
-        return None
-    passed: list[tuple[int, ResolvedVision, FloatArray]] = []
-    for side in SIDES if stated.base_side == "auto" else (stated.base_side,):
-        mouths = find_mouths(frames, side, nominal[1])
-        with_sheath = [mouth for mouth in mouths if mouth.sheath > 0.0][:MAX_MOUTHS]
-        for mouth in with_sheath + [mouth for mouth in mouths if mouth.sheath == 0.0][:MAX_MOUTHS]:
-            if mouth.sheath == 0.0 and (passed or sheathed):
-                break
-            if stated.polarity not in ("auto", mouth.polarity):
-                continue
-            box = base_box(mouth, side, nominal[1], frames[0].shape[:2])
-            tried = stated.model_copy(update={"base_side": side, "polarity": mouth.polarity, "base_region": box})
-            for share in _SHARES:
-                try:
-                    found = _calibrated(settings, tried, frames, [info] * len(frames), True, share)
-                except InputError:
-                    continue
-                reason, count = rejection_reason(found, frames, info, strict=True, whole=whole)
-                if not reason and (mouth.sheath > 0.0 or count >= _CLEARLY * len(frames)):
-                    passed.append((count, found, np.array([box[0] + box[2], box[1] + box[3]]) / 2.0))
-                    break
-    passed.sort(key=lambda candidate: -candidate[0])
-    if len(passed) > 1:
-        (most, _, here), (next_most, _, there) = passed[:2]
-        if np.linalg.norm(here - there) > _APART * nominal[1] and next_most > _RIVAL * most:
-            raise _Ambiguous(
-                f"two objects could be the catheter: one begins near ({here[0]:.0f}, {here[1]:.0f}), the other near "
-                f"({there[0]:.0f}, {there[1]:.0f}): mark the shaft's base with base_region"
-            )
-    return passed[0][1] if passed else None
+    if vision.nominal_px is None:
+        return vision
+    return vision.model_copy(update={"least_probability": vision.settings.least_probability})

@@ -1,4 +1,4 @@
-"""Centreline detection, by the tracer, the trained networks, or thesis algorithm 1."""
+"""Centreline detection, by the locator and the tracer, or by thesis algorithm 1."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Protocol
 from ..errors import InputError
 from ..types import BoolArray, DetectedShape, Image, SessionInfo, Status
 from ._auto_calibrate import auto_calibrate, is_resolved
-from ._by_keypoints import KeypointDetector
+from ._by_locator import LocatorDetector
 from ._classic import ClassicDetector
 from ._settings import BaseSide, ResolvedVision, VisionSettings
 from .tracer import Tracer
@@ -38,15 +38,15 @@ class DetectorKind:
     thesis: bool = False
 
 
-def _with_networks(vision: ResolvedVision | VisionSettings) -> Detector:
-    if isinstance(vision, ResolvedVision) and vision.keypoints is not None:
-        return KeypointDetector(vision)
+def _with_locator(vision: ResolvedVision | VisionSettings) -> Detector:
+    if isinstance(vision, ResolvedVision) and vision.locator is not None:
+        return LocatorDetector(vision)
     return Tracer(vision)
 
 
 _KINDS: dict[str, DetectorKind] = {
-    "tracer": DetectorKind(_with_networks),
-    "auto": DetectorKind(_with_networks),
+    "tracer": DetectorKind(_with_locator),
+    "auto": DetectorKind(_with_locator),
     "classic": DetectorKind(
         ClassicDetector,
         by_session=False,
@@ -97,5 +97,5 @@ class ShapeDetector:
                 found = auto_calibrate(self._open, [image], self._info)
             except InputError as error:
                 return DetectedShape(Status.NO_CATHETER, str(error))
-            detector, self._base_side = Tracer(found), found.base_side
+            detector, self._base_side = _with_locator(found), found.base_side
         return detector.detect(image)

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 from ..errors import InputError
 from ..types import DetectedShape, Image, SessionInfo
-from ._auto_calibrate import auto_calibrate
+from ._auto_calibrate import auto_calibrate, enough_images
 from ._detector import ShapeDetector, detector_kind
-from ._rejection import enough_images
 from ._session_size import for_session, nominal_px, with_view
 from ._settings import BaseSide, ResolvedVision, VisionSettings
 

@@ -39,6 +39,7 @@ def with_view(settings: VisionSettings, info: SessionInfo) -> VisionSettings:
         "polarity": view.polarity if settings.polarity == "auto" else None,
         "base_region": view.base_region if settings.base_region is None else None,
         "roi": view.roi if settings.roi is None else None,
+        "detector": view.detector if settings.detector is None else None,
     }
     update = {name: value for name, value in stated.items() if value is not None}
     return settings.model_copy(update=update) if update else settings
@@ -66,7 +67,7 @@ def with_nominal(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
 def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
     """Returns ``vision`` for another session: with its metadata of the view, the catheter and the scale.
 
-    Where these are unknown it stays as it is. The findings of the networks in one session are left out in another.
+    Where these are unknown it stays as it is. The locator's constants of one session do not hold in another.
 
     >>> from tipforce.types import Catheter, ViewInfo
     >>> settings = VisionSettings(polarity="dark", base_side="left", length_px=230.0, diameter_px=12.0)
@@ -75,13 +76,13 @@ def for_session(vision: ResolvedVision, info: SessionInfo) -> ResolvedVision:
     >>> for_session(resolved, nearer).length_px
     460.0
     """
-    if vision.keypoints is not None and vision.keypoints.session != info.name:
-        vision = vision.model_copy(update={"keypoints": None})
+    if vision.locator is not None and vision.locator.session != info.name:
+        vision = vision.model_copy(update={"locator": None})
     vision = _with_stated_view(vision, info)
     nominal = nominal_px(info, vision.view)
     if nominal is None or vision.nominal_px is None or nominal == vision.nominal_px:
         return vision
-    update: dict[str, object] = {"nominal_px": nominal, "tip_template": None, "keypoints": None}
+    update: dict[str, object] = {"nominal_px": nominal, "tip_template": None, "locator": None}
     for name, now, then in zip(("length_px", "diameter_px"), nominal, vision.nominal_px, strict=True):
         value = getattr(vision, name)
         if value is not None:

@@ -23,12 +23,12 @@ class VisionSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    method: Literal["auto", "tracer", "classic"] = "tracer"
-    """`tracer`: ordered tracing with sub-pixel flanks. `auto`: the same, and two trained networks where it finds no
-    catheter or not the right one; these need the catheter's size, the scale of the view, and images of the session.
-    `classic`: thesis algorithm 1 to the letter, for a dark catheter on a light even ground with nothing else in view:
-    it finds the shape in 165 of 165 frames of the simulated `thesis-2021-plain` and in 0 of 165 of `bench-2021`. On all
-    other images method 1 uses `tracer`."""
+    method: Literal["auto", "tracer", "classic"] = "auto"
+    """`auto`: the locator, a trained network, says which object is the catheter; where the tracer finds the same line,
+    its line counts. `tracer`: ordered tracing with sub-pixel flanks alone; the locator only finds the values
+    that the settings leave open. `classic`: thesis algorithm 1 to the letter, for a dark catheter on a light even
+    ground with nothing else in view: it finds the shape in 165 of 165 frames of the simulated `thesis-2021-plain` and
+    in 0 of 165 of `bench-2021`. On all other images method 1 uses `auto`."""
     view: str = "camera"
     """Which view of an observation to use."""
     polarity: Polarity = "auto"
@@ -53,24 +53,34 @@ class VisionSettings(BaseModel):
     """Longest stretch of shaft without visible flanks (rings, highlights, gaps) that is bridged."""
     points: Annotated[int, Field(ge=8, le=4096)] = 64
     """Points of the centreline."""
+    max_tip_std_px: Annotated[float, Field(gt=0, le=100_000)] = 3.0
+    """A frame whose tip is known less exactly than this standard deviation is refused: its tip is hidden."""
+    detector: str | None = None
+    """Folder of a locator that `tipforce annotate` fine-tuned. None: the one of the session's view, else the one that
+    comes with tipforce."""
     least_probability: Annotated[float, Field(ge=0, le=1)] = 0.8
     """A frame whose centreline is right with less probability is refused, where the length of the catheter was learnt
     in images of its session. 0: none is."""
 
 
-class KeypointPrior(BaseModel):
-    """Findings of the networks in the images of one session."""
+class LocatorPrior(BaseModel):
+    """Constants of one session that the locator found in its images."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     session: str
-    """Its name: in another session they are not asked."""
+    """Its name: in another session they do not hold."""
     base_px: tuple[_PlacePx, _PlacePx]
-    """Position of the catheter's base: u, v."""
+    """Position of the catheter's base, or where it enters the image: u, v."""
+    base_in_view: bool
+    """The base is inside the image."""
     length_px: _FoundPx
-    """Length of the catheter in the image, from its base or the border to its tip."""
-    alone: bool
-    """The tracer is not asked: it finds nothing, or something else."""
+    """Length of the catheter in the image, from there to its tip."""
+    length_std_px: _FoundPx
+    """Standard error of the length."""
+    diameter_px: _FoundPx
+    tracer: bool
+    """The tracer finds the same line, and is asked first: it is faster and more accurate."""
 
 
 class ResolvedVision(BaseModel):
@@ -102,8 +112,10 @@ class ResolvedVision(BaseModel):
     least_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
     """A centreline that is right with less probability is refused. 0 where the catheter's size is not stated: then the
     probability is a rough one."""
-    keypoints: KeypointPrior | None = None
-    """For the networks. None: they are not asked."""
+    locator: LocatorPrior | None = None
+    """For the locator. None: its constants are not known, the tracer detects alone."""
+    detector: str | None = None
+    """Folder of a fine-tuned locator. None: the one that comes with tipforce."""
     refused: str = ""
     """Why nothing that is detected with these settings can be the catheter; "" where nothing says so."""
 

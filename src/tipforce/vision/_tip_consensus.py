@@ -43,12 +43,6 @@ _GROUPS = 4
 _BETTER = 1.1
 """By this factor the symmetry must be better beside the line than on it."""
 
-_BEFORE, _BEYOND = (-10.0, -6.0), (1.0, 3.0)
-"""Where flanks are looked for about a tip: in radii from it."""
-_FLANK_STEP = 0.25
-_FLANK_IN, _FLANK_OUT = (0.6, 0.8), (1.3, 1.5)
-"""A flank separates the levels at these distances from the axis, in radii."""
-
 
 def common_tip(
     images: Sequence[Image], lines: Sequence[FloatArray], half: float, expected: float, deviation: float
@@ -92,30 +86,6 @@ def common_tip(
     likeness = [[(one[end + k - 2 : end + k + 3] * pattern).sum() for k in shifts] for one in steps]
     own = at[end] + _STEP_PX * (np.argmax(likeness, axis=1) - most)
     return float(at[end] - 0.5 * _STEP_PX), own - 0.5 * _STEP_PX
-
-
-def flanks_about_tip(
-    images: Sequence[Image], lines: Sequence[FloatArray], half: float, length: float
-) -> tuple[float, float]:
-    """Returns how clear both flanks are before the tip, at arc length ``length``, and straight on beyond it.
-
-    In grey levels, medians over the images and over stretches of some radii: on the shaft before a metal tip may begin,
-    and just beyond the tip, where a catheter has no flanks.
-    """
-    at = np.arange(*_BEFORE, _FLANK_STEP), np.arange(*_BEYOND, _FLANK_STEP)
-    outer = len(_FLANK_OUT)
-    beside = np.concatenate([-np.array(_FLANK_OUT), -np.array(_FLANK_IN), _FLANK_IN, _FLANK_OUT])
-    clear: list[FloatArray] = []
-    for image, line in zip(images, lines, strict=True):
-        arcs = length + half * np.concatenate(at)
-        seen = _read_along(image, line, half, arcs, beside, np.zeros(len(beside)))
-        grey = np.asarray(seen, np.float64).reshape(len(arcs), len(beside), -1)
-        left = grey[:, :outer].mean(axis=1) - grey[:, outer : 2 * outer].mean(axis=1)
-        right = grey[:, 3 * outer :].mean(axis=1) - grey[:, 2 * outer : 3 * outer].mean(axis=1)
-        both = np.where(left * right > 0.0, np.minimum(np.abs(left), np.abs(right)), 0.0)
-        clear.append(both.max(axis=1))
-    typical = np.median(clear, axis=0)
-    return float(np.median(typical[: len(at[0])])), float(np.median(typical[len(at[0]) :]))
 
 
 def build_tip_template(

@@ -3,7 +3,8 @@
 Batch normalisation keeps its statistics: a handful of images would replace them by those of one bench. The result is
 the mean of the weights before and after (Wortsman et al. 2022, "Robust fine-tuning"). Measured on one `varied` bench
 with ten annotated frames, 120 steps: the weights after the training find 2.4 % fewer lines in windows held out, their
-mean with the initial ones as many as before; the tip is within 5 px on that bench with both, and was not before.
+mean with the initial ones as many as before; the tip is within 5 px on that bench with both, and was not before. In a
+second run, on four photographs of real catheters, the mean lost 2.4 % of the lines too.
 """
 
 import copy

@@ -15,10 +15,7 @@ from ._stations import (
     END_LOST,
     END_SHORT,
     END_TIP,
-    KIND,
-    SHAFT,
     WEIGHT,
-    WIDTH,
     U,
     V,
 )
@@ -35,8 +32,6 @@ MIN_OWN_SHARE, MAX_OWN_SHARE = 0.6, 1.6
 """A tip is accepted if its edge has a share of the contrast of the last flanks between these limits."""
 STATIONS = 1200
 """Largest number of stations of a shaft."""
-STEP_RADII, MIN_STEP_STATIONS = 4.0, 4
-"""A step of the width needs this length and this number of clear stations before and behind it."""
 _PROFILE = 128
 _COEFFICIENTS = _PROFILE + 200
 _BAND = _COEFFICIENTS + 400
@@ -74,37 +69,6 @@ class ShaftFit(NamedTuple):
     """Evidence of something beyond the end that was not followed, in floors."""
     difference: float
     """Mean difference of the tip from its template in grey levels."""
-    step: float
-    """Largest ratio of the widths before and behind a station of the trace; 1 where it cannot be measured."""
-    step_at: int
-    """The station behind it."""
-
-
-@fast
-def _mean_width(stations: np.ndarray, first: int, way: int, n: int, far: float) -> float:
-    """Returns the mean width of the clear stations from ``first`` in steps of ``way`` over ``far`` px; 0: too few."""
-    total, count, i = 0.0, 0, first
-    while 0 <= i < n and abs(stations[i, ARC] - stations[first, ARC]) <= far:
-        if stations[i, KIND] == SHAFT:
-            total += stations[i, WIDTH]
-            count += 1
-        i += way
-    if count < MIN_STEP_STATIONS or abs(stations[i - way, ARC] - stations[first, ARC]) < 0.7 * far:
-        return 0.0
-    return total / count
-
-
-@fast
-def _width_step(stations: np.ndarray, n: int, half: float) -> tuple[float, int]:
-    """Returns the largest ratio by which the width decreases within the first ``n`` stations, and the station."""
-    best, at = 1.0, 0
-    far = STEP_RADII * half
-    for i in range(1, n):
-        before = _mean_width(stations, i - 1, -1, n, far)
-        behind = _mean_width(stations, i, 1, n, far) if before > 0.0 else 0.0
-        if behind > 0.0 and before > best * behind:
-            best, at = before / behind, i
-    return best, at
 
 
 @fast
@@ -139,13 +103,10 @@ def solve_shaft(
     last, gap, blind = traced.last, traced.gap, traced.blind
     if end == END_SHORT:
         last_u, last_v = stations[max(n - 1, 0), U], stations[max(n - 1, 0), V]
-        return ShaftFit(
-            n, end, diameter, typical, gap, blind, last, 0.0, 0.0, 0.0, 0.0, 0.0, last_u, last_v, 0.0, 0.0, 1.0, 0
-        )
+        return ShaftFit(n, end, diameter, typical, gap, blind, last, 0.0, 0.0, 0.0, 0.0, 0.0, last_u, last_v, 0.0, 0.0)
     unfollowed = difference = 0.0
     traced_blind = blind
     half = 0.5 * diameter
-    step, step_at = _width_step(stations, n, half)
     ahead = half + max(0.5 * half, 1.25) + 2.5
     spline, _ = fit_axis(stations, n, half, last + ahead + 6.0, buffers)
     tip, drop = tip_by_contrast(image, sign, spline, last, half, TIP_BACK, ahead, typical, profile)
@@ -218,5 +179,5 @@ def solve_shaft(
     angle = math.atan2(sv, su)
     return ShaftFit(
         n, end, diameter, typical, gap, blind, total, drop, points[0, 0], points[0, 1], angle, rms, last_u,
-        last_v, unfollowed, difference, step, step_at,
+        last_v, unfollowed, difference,
     )  # fmt: skip

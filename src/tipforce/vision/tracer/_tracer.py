@@ -56,16 +56,6 @@ class Trace:
     length_px: float
     base: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """u, v in px, and the angle in radians, counter-clockwise."""
-    step: float = 1.0
-    """Largest ratio by which the width decreases along the trace; 1 where it cannot be measured."""
-    step_at: tuple[float, float] = (0.0, 0.0)
-    """Position of that step: u, v in px."""
-    evidence: Evidence | None = None
-    """Support of the image for a valid line."""
-    difference: float = 0.0
-    """Mean difference of the tip from its template in grey levels; 0 where it was not compared."""
-    scatter: float = 0.0
-    """Distance of the flanks found from the curve, in diameters."""
     probability: float = math.nan
     """Probability that a valid line is right."""
 
@@ -254,16 +244,14 @@ class Tracer:
             score *= REJECTED_SCORE_FACTOR
         where = f"({fit.last_u:.0f}, {fit.last_v:.0f})"
         base = (fit.base_u, fit.base_v, -fit.base_angle)
-        step_at = (float(self._stations[fit.step_at, 0]), float(self._stations[fit.step_at, 1]))
-        evidence, probability = None, math.nan
-        scatter = fit.rms / max(diameter, 1.0)
+        probability = math.nan
         if status is Status.VALID:
             evidence = Evidence(*line_evidence(frame, self._points, 0.5 * diameter))
             probability = probability_right(
                 *evidence,
                 length_known=bool(expected) and settings.length_tolerance < MAX_LEARNT_TOLERANCE,
                 difference=fit.difference,
-                scatter=scatter,
+                scatter=fit.rms / max(diameter, 1.0),
             )
             if probability < settings.least_probability:
                 status, detail = (
@@ -274,10 +262,7 @@ class Tracer:
                     ),
                 )
                 score *= REJECTED_SCORE_FACTOR
-        return Trace(
-            status, detail, score, diameter, typical, confidence, fit.length, base, fit.step, step_at, evidence,
-            fit.difference, scatter, probability,
-        )  # fmt: skip
+        return Trace(status, detail, score, diameter, typical, confidence, fit.length, base, probability)
 
     def _judge(self, fit: ShaftFit, expected: float, tolerance: float) -> tuple[Status, str]:
         """Decides whether a traced shaft is the whole catheter; if not, says why."""

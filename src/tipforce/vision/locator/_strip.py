@@ -35,7 +35,7 @@ class Strip:
     inside: npt.NDArray[np.bool_]
 
     @property
-    def seen(self) -> npt.NDArray[np.bool_]:
+    def inside_view(self) -> npt.NDArray[np.bool_]:
         """(ALONG,): whether each station is in the image."""
         return np.asarray(self.inside[ACROSS // 2 - 1 : ACROSS // 2 + 1].any(axis=0))
 

@@ -1,0 +1,235 @@
+"""Locates the catheter in one image: rough points by the first network, then the line by the second.
+
+The first network reads the whole image with its prompts. The second reads the strip of image along the line through
+these points, twice: the second time along its own line. The end of the line is where the posterior of the tip is
+highest: the second network's distribution times the session's length with its standard error. So a hidden tip is at
+that length, with a standard deviation that says so.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import legendre
+
+from ...geometry import arc_length
+from ...types import FloatArray, Image
+from ._networks import OUTSIDE, POINTS, RoughPoints, rough_points
+from ._prompts import NOMINAL_LENGTH_PX, Prompts
+from ._reading import MIN_SPREAD_DIAMETERS, SAMPLES, Hint, Known, Reading, of_length, read_strip
+from ._strip import ACROSS, ALONG, HALF_WIDTH, evenly
+
+PYRAMID_SIDES_PX = (192, 320, 512)
+"""Where no length is known the image is read with its longer side of these lengths in px."""
+MAX_SIDE_PX = 960
+"""The network's image is at most this large: a catheter that is shorter there is not found."""
+MAX_MAGNIFICATION = 3.0
+_DEGREE = 5
+"""Degree of the rough line through the points."""
+_RIDGE = 1e-3
+_MIN_MASS = 0.02
+"""A point of less mass weighs as much as one of this mass."""
+_OUTLIER_PX = 10.0
+"""A point this far in px of the network's image from the others' line weighs half."""
+HINT_STD_SHARE = 0.04
+"""Standard deviation of the ends that the first network finds, in lengths of the catheter."""
+SEEN_STD_FACTOR, HIDDEN_STD_FACTOR = 0.65, 2.5
+"""The errors of a visible tip are this much smaller than the posterior says, those of hidden points this much larger:
+measured on `varied` and `generalise`, docs/results/locator.md."""
+MIN_SAMPLES = 8
+"""Number of a line's samples in the image."""
+BEND_POINTS = 24
+"""Number of points at which the curvature is measured."""
+MIN_PRESENT, MIN_MASS = 0.3, 0.12
+"""An image with less is without a catheter."""
+GUESSED_ASPECT = 16.0
+"""Length of a catheter in diameters where its diameter is not known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Located:
+    """A line in one image, and the networks' statements about it.
+
+    Attributes:
+        points: (n, 2) u, v in px, evenly from base to tip.
+        std_px: (n,) standard deviation of each point across the line, px.
+        seen: (n,) whether the catheter is visible there.
+        length_px: length of the line.
+        length_std_px: standard deviation of the length, px: small where the tip is seen.
+        diameter_px: diameter that the strip was read with.
+        tip_seen: probability that the tip is visible.
+        base_peak: probability of the base near its peak; 1 where it is outside the image.
+        tip_peak: the same of the tip, without the session's length.
+        base_in_view: whether the line begins inside the image.
+        mass: mean probability of the rough points near their peaks.
+        present: probability that a catheter is in the image.
+        right: logit that the strip is the catheter's; the smaller of both rounds.
+        spread: median standard deviation across the seen part, diameters.
+        bend: largest curvature of the line, in 1 / length.
+        misfit: median distance of the rough points from the line, diameters.
+        darker: whether the shaft is darker than the ground beside it.
+        other_base_px: (2,) u, v of the second most probable base.
+        other_base_mass: its probability.
+    """
+
+    points: FloatArray
+    std_px: FloatArray
+    seen: npt.NDArray[np.bool_]
+    length_px: float
+    length_std_px: float
+    diameter_px: float
+    tip_seen: float
+    base_peak: float
+    tip_peak: float
+    base_in_view: bool
+    mass: float
+    present: float
+    right: float
+    spread: float
+    bend: float
+    misfit: float
+    darker: bool
+    other_base_px: FloatArray
+    other_base_mass: float
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the networks see a catheter at all."""
+        return self.present >= MIN_PRESENT and self.mass >= MIN_MASS
+
+
+def as_colour(image: Image) -> npt.NDArray[np.uint8]:
+    """Returns ``image``, (h, w) or (h, w, 3) uint8, with three channels."""
+    return np.repeat(image[:, :, None], 3, axis=2) if image.ndim == 2 else image
+
+
+def read_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | None = None) -> RoughPoints:
+    """Returns the rough points in px of ``image`` (h, w, 3); at several sizes where no length is stated.
+
+    The reading counts whose points are surest. Where the length is not stated, the image is read again at the size at
+    which the line that was found has the length that the network knows best.
+    """
+    longer = max(image.shape[:2])
+    if prompts.length_px is not None:
+        scale = min(NOMINAL_LENGTH_PX / prompts.length_px, MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
+        return _read_at(image, prompts, scale, network)
+    sides = [side for side in PYRAMID_SIDES_PX if side <= MAX_MAGNIFICATION * longer] or PYRAMID_SIDES_PX[:1]
+    best = max((_read_at(image, prompts, side / longer, network) for side in sides), key=_sureness)
+    length = float(arc_length(rough_line(best))[-1])
+    scale = min(NOMINAL_LENGTH_PX / max(length, 1.0), MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
+    return max(best, _read_at(image, prompts, scale, network), key=_sureness)
+
+
+def _sureness(read: RoughPoints) -> float:
+    return float(read.mass.mean()) * read.present
+
+
+def _read_at(image: npt.NDArray[np.uint8], prompts: Prompts, scale: float, network: Path | None) -> RoughPoints:
+    way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
+    size = max(1, round(scale * image.shape[1])), max(1, round(scale * image.shape[0]))
+    small = np.asarray(cv2.resize(image, size, interpolation=way), np.uint8)
+    read = rough_points(small, prompts.at_scale(scale), network)
+    points, other = ((each + 0.5) / scale - 0.5 for each in (read.points, read.other_base))
+    return read._replace(points=points, other_base=other)
+
+
+def rough_line(read: RoughPoints) -> FloatArray:
+    """Returns a smooth line (`SAMPLES`, 2) px through the points, each weighed by its mass."""
+    basis = legendre.legvander(np.linspace(-1.0, 1.0, POINTS), _DEGREE)
+    heavy = np.maximum(read.mass, _MIN_MASS)
+    ridge = _RIDGE * np.diag(np.arange(_DEGREE + 1.0) ** 4) * heavy.mean()
+    size = float(np.ptp(read.points, axis=0).max()) / NOMINAL_LENGTH_PX
+    weight, found = heavy, np.zeros((_DEGREE + 1, 2))
+    for _ in range(3):
+        found = np.linalg.solve(basis.T @ (weight[:, None] * basis) + ridge, basis.T @ (weight[:, None] * read.points))
+        off = np.linalg.norm(read.points - basis @ found, axis=1)
+        weight = heavy / (1.0 + (off / max(_OUTLIER_PX * size, 1e-6)) ** 2)
+    return np.asarray(legendre.legvander(np.linspace(-1.0, 1.0, SAMPLES), _DEGREE) @ found, np.float64)
+
+
+def locate(
+    image: Image, prompts: Prompts, points: int, known: Known | None = None, network: Path | None = None
+) -> Located | None:
+    """Locates the catheter in ``image``; None where its line is too short or outside the image.
+
+    Args:
+        image: (h, w) or (h, w, 3) RGB, uint8.
+        prompts: everything that is stated or known, px.
+        points: number of points of the line.
+        known: constants of the session; a hidden tip is placed by its length.
+        network: a fine-tuned locator (.onnx); None: the one that comes with tipforce.
+    """
+    colour = as_colour(image)
+    read = read_points(colour, prompts, network)
+    line = rough_line(read)
+    diameter_px = prompts.diameter_px or max(float(arc_length(line)[-1]) / GUESSED_ASPECT, 2.0)
+    if not _long_enough(line, colour.shape):
+        return None
+    size_px = float(arc_length(line)[-1])
+    hint = Hint(read.points[0], read.points[-1], HINT_STD_SHARE * size_px, float(read.states[0, OUTSIDE]))
+    once = read_strip(colour, of_length(line, known), diameter_px, hint, known)
+    line = _inside(once.line(), colour.shape)
+    if len(line) < MIN_SAMPLES:
+        return None
+    twice = read_strip(colour, of_length(line, known), diameter_px, hint, known)
+    line = _inside(twice.line(), colour.shape)
+    if len(line) < MIN_SAMPLES:
+        return None
+    return _located(read, once, twice, line, diameter_px, points)
+
+
+def _long_enough(line: FloatArray, shape: tuple[int, ...]) -> bool:
+    return len(_inside(line, shape)) >= MIN_SAMPLES and float(arc_length(line)[-1]) > 4.0
+
+
+def _inside(line: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Returns ``line`` (n, 2) from where it enters the image on."""
+    inside = ((line >= 0.0) & (line <= np.array([shape[1], shape[0]]) - 1.0)).all(axis=1)
+    return line[int(inside.argmax()) :] if inside.any() else line[:0]
+
+
+def _located(
+    read: RoughPoints, once: Reading, twice: Reading, line: FloatArray, diameter_px: float, points: int
+) -> Located:
+    base, tip = twice.base, twice.tip
+    station = np.linspace(base.at, tip.at, points)
+    along = np.arange(ALONG)
+    spread = np.maximum(twice.read.spread, MIN_SPREAD_DIAMETERS)
+    seen = np.interp(station, along, twice.read.seen) > 0.5
+    arc = arc_length(line)
+    step = float(arc[-1]) / max(tip.at - base.at, 1.0)
+    ends = along[(along > tip.at - 3.0) & (along < tip.at + 0.5)]
+    tip_seen = float(twice.read.seen[ends].mean()) if len(ends) else 0.0
+    shaft = (along > base.at) & (along < tip.at) & (twice.read.seen > 0.5)
+    grey = twice.strip.values[:, shaft].mean(axis=-1) if shaft.any() else twice.strip.values.mean(axis=-1)
+    even = evenly(line, BEND_POINTS)
+    turns = np.diff(np.unwrap(np.arctan2(*np.diff(even, axis=0).T[::-1])))
+    apart = np.linalg.norm(read.points[:, None] - line[None], axis=2).min(axis=1)
+    return Located(
+        points=evenly(line, points),
+        std_px=np.where(seen, 1.0, HIDDEN_STD_FACTOR) * twice.std_px(points),
+        seen=seen,
+        length_px=float(arc[-1]),
+        length_std_px=step * math.hypot(tip.std, base.std) * (SEEN_STD_FACTOR if tip_seen > 0.5 else HIDDEN_STD_FACTOR),
+        diameter_px=diameter_px,
+        tip_seen=tip_seen,
+        base_peak=base.peak,
+        tip_peak=tip.peak,
+        base_in_view=twice.base_in_view,
+        mass=float(read.mass.mean()),
+        present=read.present,
+        right=min(once.read.right, twice.read.right),
+        spread=float(np.median(spread[shaft])) if shaft.any() else float(np.median(spread)),
+        bend=float(np.abs(turns).max()) * BEND_POINTS,
+        misfit=float(np.median(apart)) / diameter_px,
+        darker=bool(np.median(grey[_AXIS]) < np.median(grey[_BESIDE])),
+        other_base_px=read.other_base,
+        other_base_mass=read.other_mass,
+    )
+
+
+_FROM_AXIS = np.abs(np.linspace(-HALF_WIDTH, HALF_WIDTH, ACROSS))
+_AXIS, _BESIDE = _FROM_AXIS < 0.4, _FROM_AXIS > 0.8

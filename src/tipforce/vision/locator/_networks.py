@@ -1,0 +1,148 @@
+"""The two trained networks as ONNX graphs, loaded when first used."""
+
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ...types import FloatArray
+from ._prompts import Prompts, channels
+from ._strip import Strip, strip_input
+
+POINTS = 16
+"""Number of points that the first network returns, evenly from base to tip."""
+STRIDE = 4
+"""Px of the network's image to one cell of its heat maps."""
+OUTSIDE, HIDDEN, SEEN = 0, 1, 2
+"""States of a point."""
+OTHER_BASE_CELLS = 4
+"""Another base is at least this number of cells away."""
+_MULTIPLE_PX = 32
+"""The sides of the network's image are multiples of this."""
+
+
+class RoughPoints(NamedTuple):
+    """Result of the first network for one image.
+
+    Attributes:
+        points: (`POINTS`, 2) u, v in px of the network's image, base to tip.
+        mass: (`POINTS`,) probability that the point is within a cell of its peak.
+        states: (`POINTS`, 3) probabilities of `OUTSIDE`, `HIDDEN` and `SEEN`.
+        present: probability that a catheter is in the image.
+        other_base: (2,) u, v of the second most probable base in px of the network's image.
+        other_mass: its probability.
+    """
+
+    points: FloatArray
+    mass: FloatArray
+    states: FloatArray
+    present: float
+    other_base: FloatArray
+    other_mass: float
+
+
+class Offsets(NamedTuple):
+    """Result of the second network for a strip; each (ALONG,) but ``right``."""
+
+    offset: FloatArray
+    """Distance of the axis along the normal, in diameters."""
+    spread: FloatArray
+    """Scale of the offset's error (Laplace), in diameters."""
+    base: FloatArray
+    """Probability that the base is at this station."""
+    tip: FloatArray
+    """Probability that the tip is at this station."""
+    seen: FloatArray
+    """Probability that the catheter is visible at this station."""
+    right: float
+    """Logit: the strip is the catheter's."""
+
+
+@cache
+def _graph(path: Path | None, name: str, _changed_ns: int = 0) -> Any:
+    """Returns the graph in a file, or in tipforce; a file that has changed is read again."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    own = resources.files(__name__.rpartition(".")[0]) / f"{name}.onnx"
+    data = own.read_bytes() if path is None else path.read_bytes()
+    return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+
+
+def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, path: Path | None = None) -> RoughPoints:
+    """Returns the catheter's points in ``image``.
+
+    Args:
+        image: (h, w, 3) RGB, in which the catheter should be some 110 px long.
+        prompts: in px of ``image``.
+        path: a fine-tuned network (.onnx). None: the network that comes with tipforce.
+    """
+    rows, columns = image.shape[:2]
+    bottom, right = -rows % _MULTIPLE_PX, -columns % _MULTIPLE_PX
+    padded = cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_REPLICATE)
+    values = np.zeros((1, 3 + 7, *padded.shape[:2]), np.float32)
+    values[0, :3] = (padded.transpose(2, 0, 1).astype(np.float32) - 127.0) / 128.0
+    values[0, 3:, :rows, :columns] = channels(prompts, rows, columns)
+    values[0, 6:] = values[0, 6:, :1, :1]
+    heat, states, present = _graph(path, "locator.int8", path.stat().st_mtime_ns if path else 0).run(
+        None, {"image": values}
+    )
+    shares = _shares(heat[0].astype(np.float64))
+    points, mass = _peaks(shares)
+    base = shares[:1].copy()
+    column, row = np.rint((points[0] + 0.5) / STRIDE - 0.5).astype(int)
+    reach = OTHER_BASE_CELLS
+    base[0, max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1] = 0.0
+    other, other_mass = _peaks(base)
+    weights = np.exp(states[0].astype(np.float64) - states[0].max(axis=1, keepdims=True))
+    there = 1.0 / (1.0 + float(np.exp(-present[0])))
+    return RoughPoints(
+        points, mass, weights / weights.sum(axis=1, keepdims=True), there, other[0], float(other_mass[0])
+    )
+
+
+def _shares(logits: FloatArray) -> FloatArray:
+    """Returns the probability of each cell, (k, h, w); a logit of 0 is as likely as that the point is nowhere."""
+    top = np.maximum(logits.max(axis=(1, 2), keepdims=True), 0.0)
+    weights = np.exp(logits - top)
+    return weights / (weights.sum(axis=(1, 2), keepdims=True) + np.exp(-top))
+
+
+def _peaks(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns the points (k, 2) in px of the network's image and their masses (k,) from ``shares`` (k, h, w)."""
+    count, height, width = shares.shape
+    points, mass = np.empty((count, 2)), np.empty(count)
+    for k, flat in enumerate(shares.reshape(count, -1).argmax(axis=1).tolist()):
+        row, column = divmod(flat, width)
+        rows = np.arange(max(row - 1, 0), min(row + 2, height))
+        columns = np.arange(max(column - 1, 0), min(column + 2, width))
+        near = shares[k][np.ix_(rows, columns)]
+        mass[k] = near.sum()
+        inside = max(mass[k], 1e-12)
+        points[k] = (near.sum(axis=0) @ columns / inside, near.sum(axis=1) @ rows / inside)
+    return (points + 0.5) * STRIDE - 0.5, mass
+
+
+def refine(strip: Strip) -> Offsets:
+    """Reads ``strip``."""
+    values = strip_input(strip.values, strip.inside)[None]
+    offset, log_spread, base, tip, seen, right = _graph(None, "refine").run(None, {"strip": values})
+    return Offsets(
+        offset[0].astype(np.float64),
+        np.exp(log_spread[0].astype(np.float64)),
+        _softmax(base[0].astype(np.float64)),
+        _softmax(tip[0].astype(np.float64)),
+        1.0 / (1.0 + np.exp(-seen[0].astype(np.float64))),
+        float(right[0]),
+    )
+
+
+def _softmax(logits: FloatArray) -> FloatArray:
+    weights = np.exp(logits - logits.max())
+    return weights / weights.sum()

@@ -1,0 +1,322 @@
+"""Constants of a session, which its images agree on: the catheter's base, length and diameter.
+
+Each image is read with the stated prompts alone. The base where most lines begin then becomes a prompt of its own, the
+images are read again, and the length is that of the lines whose tip is seen.
+"""
+
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ...errors import InputError
+from ...geometry import arc_length
+from ...types import Box, FloatArray, Image
+from ._locate import Located, as_colour, locate, read_points, rough_line
+from ._prompts import Prompts
+from ._reading import Known
+from ._strip import ACROSS, HALF_WIDTH, straightened
+
+POINTS = 64
+MIN_SHARE = 0.3
+"""The catheter must be found in this share of the images."""
+MAX_BASE_DIAMETERS, MAX_BASE_PX = 2.5, 5.0
+"""Lines that begin within this distance begin at the same base."""
+RIVAL_SHARE, MIN_RIVAL_IMAGES = 0.25, 2
+"""Another base in this share of the images of the first, and in this number of images, may be the catheter's."""
+INWARD_RAD = {"left": 0.0, "top": 0.5 * math.pi, "right": math.pi, "bottom": -0.5 * math.pi}
+"""Direction from each border into the image, from u toward v."""
+MIN_INWARD_COSINE = 0.0
+"""A catheter that comes from a stated border begins in a direction away from it."""
+RIVAL_SCORE_SHARE = 0.8
+"""If the lines from the other base are nearly as sure, a person must say which object is the catheter."""
+MIN_TIP_SEEN, MIN_TIP_PEAK = 0.6, 0.4
+"""A line with more counts for the length."""
+STATED_LENGTH_STD_SHARE = 0.04
+"""Standard error of a length that only the metadata state: the catheter, the scale, and the hidden root."""
+MAX_LENGTH_SIGMAS = 3.0
+"""A length that is further from the stated one is kept as it is."""
+ONE_LENGTH_STD_SHARE, MIN_LENGTH_STD_SHARE = 0.03, 0.004
+"""Standard error of a length from one line, and the least one."""
+MIN_LENGTH_RATIO, MAX_LENGTH_RATIO = 0.8, 1.15
+"""An object of another length than these shares of the stated one is not the catheter; its root may be hidden."""
+MAX_LENGTH_CHANGE_SHARE = 0.25
+"""A line of another length than this share of the median one is wrong."""
+STILL_PX, STILL_PERCENT = 0.1, 80.0
+"""A line of which half is nearer than this to one and the same curve, in this percentage of the images, does not bend
+or move across itself: a post, an edge, or a cable that another object crosses."""
+CELL_PX, CHANGED_GREY, CHANGED_SHARE = 8, 8.0, 0.004
+"""The images differ where this share of cells of this size changes by this number of grey levels."""
+MIN_FRAMES = 3
+"""Fewest images of a session that are compared."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionConstants:
+    """Constants of the catheter in the images of one session.
+
+    Attributes:
+        base_px: (2,) u, v of the base, or of the point where the catheter enters the image.
+        base_in_view: whether the base is inside the image.
+        heading_rad: direction at the base, from u toward v.
+        length_px: length of the line from ``base_px`` to the tip.
+        length_std_px: its standard deviation in one image: in a projection it changes from image to image.
+        diameter_px: diameter of the shaft.
+        darker: whether the shaft is darker than the ground beside it.
+        lines: the line in each image; None where there is none.
+    """
+
+    base_px: FloatArray
+    base_in_view: bool
+    heading_rad: float
+    length_px: float
+    length_std_px: float
+    diameter_px: float
+    darker: bool
+    lines: tuple[Located | None, ...]
+
+
+def session_constants(
+    frames: Sequence[Image], prompts: Prompts, *, moves: bool, network: Path | None = None
+) -> SessionConstants:
+    """Finds the constants of one session.
+
+    Args:
+        frames: images of the session.
+        prompts: everything that is stated, px.
+        moves: whether the catheter must have moved in these images where they differ.
+        network: a fine-tuned locator; None: the one that comes with tipforce.
+
+    Raises:
+        InputError: no catheter is found, two objects could be it, or the object that is found does not move.
+    """
+    sized = prompts
+    if prompts.length_px is None or prompts.diameter_px is None:
+        sized = replace(prompts, **_measured_size(frames, prompts, network))
+    assert sized.length_px is not None
+    assert sized.diameter_px is not None
+    stated = (
+        None if prompts.length_px is None else Known(prompts.length_px, STATED_LENGTH_STD_SHARE * prompts.length_px)
+    )
+    first = [locate(frame, sized, POINTS, stated, network) for frame in frames]
+    found = [line for line in first if line is not None and line.is_there]
+    if len(found) < max(1.0, MIN_SHARE * len(frames)):
+        raise InputError(_nothing(first, len(found)))
+    if prompts.base_px is not None:
+        bases = [prompts.base_px]
+    else:
+        bases = _likely_bases(found, sized.diameter_px, prompts.border)
+    tried = [
+        [locate(frame, replace(sized, base_px=base), POINTS, stated, network) for frame in frames] for base in bases
+    ]
+    best = _chosen(bases, tried, sized, stated)
+    lines = tried[best]
+    kept = [line for line in lines if line is not None and line.is_there]
+    if len(kept) < max(1.0, MIN_SHARE * len(frames)):
+        raise InputError(_nothing(lines, len(kept)))
+    begins = np.array([line.points[0] for line in kept])
+    base = np.median(begins, axis=0)
+    in_view = 2 * sum(line.base_in_view for line in kept) > len(kept)
+    length, error = _length(kept, base, stated if in_view else None)
+    if prompts.region is not None and not _in_box(base, prompts.region, sized.diameter_px):
+        raise InputError(f"the object found begins at ({base[0]:.0f}, {base[1]:.0f}), outside base_region")
+    if prompts.length_px is not None and not MIN_LENGTH_RATIO < length / prompts.length_px < MAX_LENGTH_RATIO:
+        raise InputError(
+            f"the object found is {length:.0f} px long, the stated length is {prompts.length_px:.0f} px: correct the "
+            "catheter's length or the scale"
+        )
+    headings = [_heading(line) for line in kept]
+    if moves and stands_still(np.array([line.points for line in kept]), frames):
+        end = kept[0].points[-1]
+        raise InputError(
+            f"the object found, as far as ({end[0]:.0f}, {end[1]:.0f}), neither moves nor bends while the images "
+            "change: a post or an edge does so"
+        )
+    return SessionConstants(
+        base, in_view, _median_angle(headings),
+        length, error, sized.diameter_px, 2 * sum(line.darker for line in kept) > len(kept), tuple(lines),
+    )  # fmt: skip
+
+
+def _in_box(point: FloatArray, box: Box, margin_px: float) -> bool:
+    """Whether ``point`` (2,) is in ``box``, or at most ``margin_px`` outside it."""
+    low, high = np.array(box[:2]) - margin_px, np.array(box[2:]) + margin_px
+    return bool(((point >= low) & (point <= high)).all())
+
+
+def _median_angle(angles_rad: Sequence[float]) -> float:
+    return math.atan2(statistics.median(map(math.sin, angles_rad)), statistics.median(map(math.cos, angles_rad)))
+
+
+def _nothing(lines: Sequence[Located | None], count: int) -> str:
+    likely = max((line.present for line in lines if line is not None), default=0.0)
+    return f"no catheter was found: one is visible in {count} of {len(lines)} images (probability {likely:.0%} at most)"
+
+
+def _measured_size(frames: Sequence[Image], prompts: Prompts, network: Path | None) -> dict[str, float]:
+    """Returns the length and the diameter, px, that are not stated, from the surest half of the images."""
+    reads = [(read_points(as_colour(frame), prompts, network), as_colour(frame)) for frame in frames]
+    reads.sort(key=lambda pair: -float(pair[0].mass.mean()) * pair[0].present)
+    surest = [(rough_line(read), frame) for read, frame in reads[: (len(reads) + 1) // 2]]
+    lengths = [float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line, _ in surest]
+    length = prompts.length_px or max(statistics.median(lengths), 4.0)
+    diameter = prompts.diameter_px
+    if diameter is None:
+        diameter = max(length / 16.0, 2.0)
+        for _ in range(3):
+            diameter = measured_diameter([frame for _, frame in surest], [line for line, _ in surest], diameter)
+    return {"length_px": length, "diameter_px": diameter}
+
+
+def measured_diameter(frames: Sequence[Image], lines: Sequence[FloatArray], guess_px: float) -> float:
+    """Returns the diameter in px: twice the distance of the clearest flanks from the ``lines`` (n, 2)."""
+    steps = np.zeros(ACROSS - 1)
+    for frame, line in zip(frames, lines, strict=True):
+        strip = straightened(as_colour(frame), line, guess_px)
+        middle = strip.values[:, ACROSS // 4 : -ACROSS // 4]
+        steps += np.median(np.abs(np.diff(middle, axis=0)).sum(axis=2), axis=1)
+    both = np.minimum(steps, steps[::-1]) + 0.2 * (steps + steps[::-1])
+    at = np.linspace(-HALF_WIDTH, HALF_WIDTH, ACROSS)
+    away = np.abs(0.5 * (at[1:] + at[:-1]))
+    both[away < 0.15] = 0.0
+    return max(2.0 * float(away[int(both.argmax())]) * guess_px, 2.0)
+
+
+def _chosen(
+    bases: Sequence[FloatArray], tried: Sequence[Sequence[Located | None]], prompts: Prompts,
+    stated: Known | None,
+) -> int:  # fmt: skip
+    """Returns the index of the base whose lines are the surest; of one and the same shaft the better length counts.
+
+    Raises InputError where two objects are as likely.
+    """
+    inward = None if prompts.border is None else INWARD_RAD[prompts.border]
+    kept = [
+        [each for each in lines if each is not None and (inward is None or _points_inward(each, inward))]
+        for lines in tried
+    ]
+    scores = [sum(map(_sureness, lines)) for lines in kept]
+    best = int(np.argmax(scores))
+    assert prompts.diameter_px is not None
+    for rival, (base, score) in enumerate(zip(bases, scores, strict=True)):
+        if rival == best or score <= RIVAL_SCORE_SHARE * scores[best]:
+            continue
+        one, other = kept[best][0].points, kept[rival][0].points
+        if _same_shaft(one, other, prompts.diameter_px):
+            off = [_length_off(kept[k], stated) for k in (best, rival)]
+            best = rival if off[1] < off[0] else best
+            continue
+        raise InputError(
+            f"two objects could be the catheter: one begins near ({bases[best][0]:.0f}, {bases[best][1]:.0f}), the "
+            f"other near ({base[0]:.0f}, {base[1]:.0f})"
+        )
+    return best
+
+
+def _points_inward(line: Located, inward_rad: float) -> bool:
+    return math.cos(_heading(line) - inward_rad) > MIN_INWARD_COSINE
+
+
+def _same_shaft(one: FloatArray, other: FloatArray, diameter_px: float) -> bool:
+    """Whether most of the shorter of two lines (n, 2) is on the longer one."""
+    apart = np.linalg.norm(one[:, None] - other, axis=2)
+    return float(min(np.median(apart.min(axis=1)), np.median(apart.min(axis=0)))) < diameter_px
+
+
+def _length_off(lines: Sequence[Located], stated: Known | None) -> float:
+    """Returns the distance of the lines' length from the stated one; where none is stated the longest is best."""
+    length = statistics.median(line.length_px for line in lines)
+    return -length if stated is None else abs(length - stated.length_px)
+
+
+def _sureness(line: Located) -> float:
+    return line.mass * line.present / (1.0 + math.exp(-line.right))
+
+
+def _likely_bases(found: Sequence[Located], diameter_px: float, border: str | None) -> list[FloatArray]:
+    """Returns the base (2,) where most lines begin, and a second one where enough of them begin elsewhere.
+
+    Lines that point toward the stated ``border`` do not count, unless all do.
+    """
+    if border is not None:
+        inward = INWARD_RAD[border]
+        found = [line for line in found if _points_inward(line, inward)] or found
+    begins = np.array([line.points[0] for line in found] + [line.other_base_px for line in found])
+    weight = np.array([_sureness(line) for line in found] + [line.other_base_mass for line in found])
+    limit = max(MAX_BASE_DIAMETERS * diameter_px, MAX_BASE_PX)
+    near = np.linalg.norm(begins[:, None] - begins, axis=2) < limit
+    votes = near @ weight
+    best = int(votes.argmax())
+    bases = [np.median(begins[near[best]], axis=0)]
+    others = ~near[best]
+    if others.sum() >= MIN_RIVAL_IMAGES:
+        rival = int(np.where(others, (near & others) @ weight, -1.0).argmax())
+        own = near[rival] & others
+        if own @ weight > RIVAL_SHARE * votes[best]:
+            bases.append(np.median(begins[own], axis=0))
+    return bases
+
+
+def _length(lines: Sequence[Located], base_px: FloatArray, stated: Known | None) -> tuple[float, float]:
+    """Returns the length in px and its standard error, from the lines whose tip is seen and from the stated length.
+
+    It is measured from ``base_px``, the base of the session.
+    """
+    seen = [line for line in lines if line.tip_seen >= MIN_TIP_SEEN and line.tip_peak >= MIN_TIP_PEAK]
+    if not seen:
+        if stated is not None:
+            return stated.length_px, stated.length_std_px
+        seen = sorted(lines, key=lambda line: -line.tip_peak)[: (len(lines) + 1) // 2]
+    lengths = []
+    for line in seen:
+        arc = arc_length(line.points)
+        nearest = int(np.linalg.norm(line.points - base_px, axis=1).argmin())
+        lengths.append(float(arc[-1] - arc[nearest]))
+    middle = statistics.median(lengths)
+    near = [length - middle for length in lengths if abs(length / middle - 1.0) < MAX_LENGTH_CHANGE_SHARE]
+    scatter = math.sqrt(statistics.fmean(off**2 for off in near))
+    error = max(
+        math.hypot(scatter, ONE_LENGTH_STD_SHARE * middle) / math.sqrt(len(seen)), MIN_LENGTH_STD_SHARE * middle
+    )
+    if stated is None:
+        return middle, math.hypot(error, scatter)
+    own, other = error**-2, stated.length_std_px**-2
+    if abs(middle - stated.length_px) > MAX_LENGTH_SIGMAS * math.hypot(error, stated.length_std_px):
+        return middle, math.hypot(error, scatter)
+    length = (own * middle + other * stated.length_px) / (own + other)
+    return length, math.hypot((own + other) ** -0.5, scatter)
+
+
+def _heading(line: Located) -> float:
+    way = -3.0 * line.points[0] + 4.0 * line.points[2] - line.points[4]
+    return math.atan2(way[1], way[0])
+
+
+def stands_still(lines: FloatArray, frames: Sequence[Image]) -> bool:
+    """Whether an object with the ``lines`` (n, k, 2) neither moves nor bends while ``frames`` change."""
+    return len(lines) >= MIN_FRAMES and _still(lines) and _images_differ(frames)
+
+
+def _still(lines: FloatArray) -> bool:
+    """Whether most ``lines`` (n, k, 2) are on one curve, however far each goes along it."""
+    apart = np.empty((len(lines), len(lines)))
+    for row, curve in zip(apart, lines, strict=True):
+        ways = np.diff(curve, axis=0)
+        from_start = lines[:, :, None] - curve[:-1]
+        share = np.clip((from_start * ways).sum(axis=-1) / (ways**2).sum(axis=-1), 0.0, 1.0)
+        off = np.linalg.norm(from_start - share[..., None] * ways, axis=-1).min(axis=-1)
+        row[:] = np.median(off, axis=1)
+    return float(np.percentile(apart, STILL_PERCENT, axis=1).min()) < STILL_PX
+
+
+def _images_differ(frames: Sequence[Image]) -> bool:
+    """Whether more changes between ``frames`` than light and noise."""
+    greys = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) if frame.ndim == 3 else frame for frame in frames]
+    size = tuple(max(1, n // CELL_PX) for n in greys[0].shape[1::-1])
+    small = np.array([cv2.resize(g, size, interpolation=cv2.INTER_AREA).astype(np.float64) for g in greys])
+    small -= np.median(small, axis=(1, 2), keepdims=True)
+    return float((np.ptp(small, axis=0) > CHANGED_GREY).mean()) > CHANGED_SHARE

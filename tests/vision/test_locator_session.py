@@ -1,0 +1,162 @@
+"""Detection by the locator, on a simulated session of another kind than the tracer was made for."""
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tipforce.simulation import PRESETS, SimulatedBench
+from tipforce.simulation.world import FAST
+from tipforce.types import Catheter, DetectedShape, Image, SessionInfo, Status, ViewInfo
+from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, auto_calibrate, for_session
+from tipforce.vision.locator import (
+    ACROSS,
+    HALF_WIDTH,
+    Prompts,
+    SessionConstants,
+    locate,
+    session_constants,
+    straightened,
+)
+
+SEED, SESSION = 9500, 3
+"""Not among the sessions that the networks were trained on, nor those that results are reported on."""
+FRAMES = 8
+AUTO = VisionSettings(method="auto")
+HIDDEN_TIPS = VisionSettings(method="auto", max_tip_std_px=1e5)
+
+
+@functools.cache
+def session() -> tuple[list[Image], list[np.ndarray], SessionInfo]:
+    """Images spread over a session of `varied`, their true centrelines, and its metadata."""
+    preset = PRESETS["varied"]
+    world = preset.world.model_copy(update={"seconds": 12.0})
+    bench = SimulatedBench(preset.model_copy(update={"world": world}), SEED, SESSION, resolution=FAST)
+    at = np.linspace(0, len(bench.frame_s) - 1, FRAMES).astype(int).tolist()
+    return [bench.frame(k).image for k in at], [bench.image_truth(k).centreline_px for k in at], bench.session_info
+
+
+@functools.cache
+def resolved() -> ResolvedVision:
+    images, _, info = session()
+    return auto_calibrate(AUTO, images, info)
+
+
+@functools.cache
+def constants() -> SessionConstants:
+    images, _, info = session()
+    scale = info.view("camera").metres_per_px
+    assert scale is not None
+    assert info.catheter.flexible_length_m is not None
+    length_px = (info.catheter.flexible_length_m + (info.catheter.rigid_length_m or 0.0)) / scale
+    assert info.catheter.diameter_m is not None
+    prompts = Prompts(length_px=length_px, diameter_px=info.catheter.diameter_m / scale)
+    return session_constants(images, prompts, moves=True)
+
+
+def beside_px(points: np.ndarray, curve: np.ndarray) -> np.ndarray:
+    """Distance of each of ``points`` (n, 2) from the nearest point of ``curve`` (k, 2), px."""
+    return np.linalg.norm(points[:, None] - curve[None], axis=-1).min(axis=1)
+
+
+def test_a_strip_shows_the_shaft_beside_the_line_where_it_lies():
+    image = np.zeros((60, 200), np.uint8)
+    image[34:37] = 200  # the axis 5 px below the line
+    strip = straightened(image, np.column_stack([np.linspace(10.0, 190.0, 50), np.full(50, 30.0)]), 10.0)
+    across = np.linspace(-HALF_WIDTH, HALF_WIDTH, ACROSS) * 10.0
+    found = strip.points + across[strip.values[..., 0].argmax(axis=0), None] * strip.normals
+    assert found[strip.inside_view, 1] == pytest.approx(35.0, abs=1.5)
+    assert not strip.inside_view[0]
+    assert strip.inside_view[len(strip.inside_view) // 2]
+
+
+def test_the_catheter_is_found_on_a_bench_of_another_kind():
+    images, curves, _ = session()
+    detector = ShapeDetector(resolved())
+    right = 0
+    for image, curve in zip(images, curves, strict=True):
+        shape = detector.detect(image)
+        if shape.centreline is None:
+            continue
+        assert beside_px(shape.centreline.points[4:], curve).max() < 4.0
+        assert np.linalg.norm(shape.centreline.points[0] - curve[0]) < 8.0
+        assert np.linalg.norm(shape.centreline.points[-1] - curve[-1]) < 6.0
+        assert shape.probability_right >= AUTO.least_probability
+        right += 1
+    assert right >= FRAMES // 2
+
+
+def test_an_image_without_the_catheter_is_refused_with_the_reason():
+    images, _, _ = session()
+    noise = np.random.default_rng(0).integers(0, 255, images[0].shape, dtype=np.uint8)
+    for other in (noise, np.ascontiguousarray(images[0][::-1, ::-1])):
+        shape = ShapeDetector(resolved()).detect(other)
+        assert shape.status in (Status.NO_CATHETER, Status.CUT_OFF)
+        assert shape.detail
+
+
+def test_the_size_is_measured_where_it_is_not_stated():
+    images, curves, info = session()
+    unknown = SessionInfo(info.name, Catheter(), {"camera": ViewInfo(base_side=info.view("camera").base_side)})
+    found = auto_calibrate(HIDDEN_TIPS, images, unknown).locator
+    assert found is not None
+    true_px = float(np.linalg.norm(np.diff(curves[0], axis=0), axis=1).sum())
+    assert found.length_px == pytest.approx(true_px, rel=0.15)
+
+
+def test_a_click_on_the_base_is_obeyed():
+    images, _, _ = session()
+    base = constants().base_px
+    line = locate(images[0], Prompts(base_px=base), 64)
+    assert line is not None
+    assert np.linalg.norm(line.points[0] - base) < 6.0
+
+
+def _covered(image: Image, tip: np.ndarray, radius_px: int) -> Image:
+    """Returns ``image`` with a square of one colour over the tip."""
+    u, v = np.rint(tip).astype(int).tolist()
+    hidden = image.copy()
+    hidden[max(v - radius_px, 0) : v + radius_px, max(u - radius_px, 0) : u + radius_px] = np.median(image, axis=(0, 1))
+    return hidden
+
+
+def _hidden_tip(settings: VisionSettings) -> tuple[DetectedShape, np.ndarray]:
+    images, curves, info = session()
+    vision = auto_calibrate(settings, images, info)
+    image = _covered(images[0], curves[0][-1], 22)
+    return ShapeDetector(vision.model_copy(update={"least_probability": 0.0})).detect(image), curves[0]
+
+
+def test_a_hidden_tip_is_stated_as_hidden_and_is_at_the_sessions_length():
+    shape, curve = _hidden_tip(HIDDEN_TIPS)
+    assert shape.centreline is not None
+    assert shape.seen is not None
+    assert not shape.tip_seen
+    assert shape.seen[1 : len(shape.seen) // 2].all()
+    assert "hidden" in shape.detail
+    off = float(np.linalg.norm(shape.centreline.points[-1] - curve[-1]))
+    assert off < max(4.0 * shape.tip_std_px, 8.0)
+
+
+def test_a_tip_that_is_known_less_exactly_than_the_limit_is_refused():
+    shape, _ = _hidden_tip(VisionSettings(method="auto", max_tip_std_px=0.05))
+    assert shape.status is Status.CUT_OFF
+    assert "max_tip_std_px" in shape.detail
+
+
+def test_prompts_move_with_the_image():
+    prompts = Prompts(base_px=np.array([10.0, 20.0]), region=(0, 0, 9, 9), length_px=100.0, diameter_px=8.0)
+    half = prompts.at_scale(0.5)
+    assert half.base_px == pytest.approx([4.75, 9.75])
+    assert (half.length_px, half.diameter_px, half.region) == (50.0, 4.0, (0, 0, 5, 5))
+
+
+def test_the_constants_are_saved_but_do_not_hold_for_another_session():
+    found = resolved()
+    assert ResolvedVision.model_validate_json(found.model_dump_json()) == found
+    _, _, info = session()
+    nearer = SessionInfo("next", info.catheter, {"camera": ViewInfo(0.9 * (info.view("camera").metres_per_px or 0.0))})
+    assert for_session(found, nearer).locator is None
+    assert for_session(found, info).locator == found.locator
+    assert for_session(found, replace(info, name="next")).locator is None
