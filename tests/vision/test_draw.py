@@ -1,6 +1,7 @@
 """What is drawn can be found in the image again."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,6 +63,16 @@ def test_the_centreline_and_the_base_frame_are_where_they_were_seen() -> None:
     assert x_axis[:, 0].mean() > 75
     assert abs(x_axis[:, 1].mean() - 300) < 6
     assert y_axis[:, 1].mean() < 285, "y points up in the displayed image"
+
+
+def test_a_hidden_part_is_dashed() -> None:
+    visible = np.arange(64) < 40
+    shape = replace(seen(), seen=visible)
+    image = draw_shape(GREY, shape, legend=False)
+    points = shape.centreline.points
+    near = np.hypot(*(where(image, YELLOW)[:, None] - points[None]).T).min(axis=1) < 1.5
+    assert near[15:38].all()
+    assert 0.4 < near[42:60].mean() < 0.8
 
 
 def test_the_mask_is_a_tube_of_the_shafts_diameter() -> None:

@@ -37,6 +37,17 @@ def shaft_mask(shape: DetectedShape, size: tuple[int, int]) -> BoolArray:
     return cv2.distanceTransform(ground, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= 0.5 * shape.diameter_px
 
 
+def stretches(shape: DetectedShape) -> list[tuple[int, int, bool]]:
+    """Returns the stretches of the centreline: indices of the first and the last point, and whether it is visible."""
+    if shape.centreline is None:
+        return []
+    if shape.seen is None:
+        return [(0, len(shape.centreline.points) - 1, True)]
+    pieces = shape.seen[:-1] & shape.seen[1:]
+    starts = [0, *(np.flatnonzero(np.diff(pieces)) + 1).tolist()]
+    return [(first, last, bool(pieces[first])) for first, last in zip(starts, [*starts[1:], len(pieces)], strict=True)]
+
+
 def draw_shape(
     image: Image,
     shape: DetectedShape,
@@ -64,7 +75,8 @@ def draw_shape(
     if not shape.found:
         canvas.banner(f"NOT FOUND: {shape.status.replace('_', ' ')}", shape.detail)
     elif legend:
-        entries = [("centreline", CENTRELINE)]
+        hidden = shape.seen is not None and not shape.seen.all()
+        entries = [("centreline, hidden: dashed" if hidden else "centreline", CENTRELINE)]
         if curve_px is not None:
             entries.append(("fitted curve", FITTED))
         canvas.footer([[*entries, ("base frame x", X_AXIS), ("y", Y_AXIS), ("tip", WHITE)]])
@@ -139,7 +151,8 @@ def _draw_shape(canvas: "Canvas", shape: DetectedShape, curve_px: FloatArray | N
     if shape.centreline is None or shape.base is None:
         return
     points = shape.centreline.points
-    canvas.line(points, CENTRELINE, 2.0)
+    for first, last, seen in stretches(shape):
+        canvas.line(points[first : last + 1], CENTRELINE, 2.0, dashed=not seen)
     if curve_px is not None:
         canvas.line(curve_px, FITTED, 2.0, dashed=True)
     if axes:

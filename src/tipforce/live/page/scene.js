@@ -75,9 +75,14 @@ export class Scene {
     for (const [colour, line] of [[RIM, 5.5], [CENTRELINE, 3]]) {
       context.strokeStyle = colour;
       context.lineWidth = line * unit;
-      context.beginPath();
-      points.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
-      context.stroke();
+      for (let k = 1; k < points.length; k++) {
+        const visible = !shape.seen || (shape.seen[k - 1] && shape.seen[k]);
+        if (!visible && k % 2) continue; // a hidden part is dashed
+        context.beginPath();
+        context.moveTo(...points[k - 1]);
+        context.lineTo(...points[k]);
+        context.stroke();
+      }
     }
     const origin = at(shape.origin_px);
     for (const [axis, colour, letter] of [[shape.axes_px[0], AXIS_X, "x"], [shape.axes_px[1], AXIS_Y, "y"]]) {

@@ -198,6 +198,7 @@ def _shape(shape: DetectedShape) -> dict[str, Any] | None:
     rows = np.unique(np.round(np.linspace(0, len(points) - 1, CENTRELINE_POINTS)).astype(int))
     return {
         "centreline_px": _pixels(points[rows]),
+        "seen": None if shape.seen is None else shape.seen[rows].tolist(),
         "origin_px": _pixels(shape.base.origin_px),
         "axes_px": np.round(shape.base.axes_px, 4).tolist(),
         "diameter_px": number(shape.diameter_px, 1),
