@@ -1,11 +1,10 @@
 """Exports a checkpoint of the locator to an ONNX graph, and says how far its outputs are from the network's.
 
-    python -m bench.locator.export CHECKPOINT.pt OUT.onnx [--eight-bit OUT8.onnx --checks DIR/checks.npz]
+    python -m bench.locator.export DIR/locator.pt OUT.onnx [--eight-bit OUT8.onnx --checks DIR/checks.npz]
 
-CHECKPOINT.pt is bench/locator/checkpoint.pt or the DIR/locator.pt of a training, of which the running mean of the
-weights is exported. Input and outputs of the graph: see ``tipforce.training.locator.export_locator``. The graph in 8
-bits is calibrated on drawn windows, and is written only where it finds at most 1 % fewer lines in the windows
-of DIR/checks.npz (``python -m bench.locator.feed``).
+The running mean of the weights in DIR/locator.pt, the state of a training, is exported. Input and outputs of the graph:
+see ``tipforce.training.locator.export_locator``. The graph in 8 bits is calibrated on drawn windows, and is written
+only where it finds at most 1 % fewer lines in the windows of DIR/checks.npz (``python -m bench.locator.feed``).
 """
 
 import argparse
@@ -30,7 +29,7 @@ from tipforce.training.locator import (
     network_input,
     prompt_channels,
     quantise_locator,
-    read_checkpoint,
+    read_weights,
 )
 
 MAX_DEVIATION = 1e-3
@@ -101,7 +100,7 @@ def main() -> None:
     options = parser.parse_args()
     if (options.eight_bit is None) != (options.checks is None):
         parser.error("--eight-bit and --checks belong together")
-    network = read_checkpoint(options.checkpoint)
+    network = read_weights(options.checkpoint)
     graph = export_locator(network)
     largest = deviation(graph, network)
     if not largest < MAX_DEVIATION:

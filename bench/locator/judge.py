@@ -16,7 +16,7 @@ import numpy as np
 from tipforce.training.locator import (
     NOMINAL_LENGTH_PX,
     locate_points,
-    read_checkpoint,
+    read_weights,
 )
 
 LIMIT_PX = 8.0
@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("-o", dest="out", type=Path)
     options = parser.parse_args()
-    network = read_checkpoint(options.weights)
+    network = read_weights(options.weights)
     with (options.folder / "points.csv").open() as file:
         rows = list(csv.DictReader(file))
     right = dict.fromkeys(("nothing", "side", "size", "mouth"), 0)

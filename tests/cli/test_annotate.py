@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from tipforce.cli import app
 from tipforce.errors import InputError, OutputError
-from tipforce.pipelines import AnnotationJob
+from tipforce.types import read_bench
 
 from .conftest import bend_at, draw_image  # type: ignore[import-not-found]
 
@@ -46,12 +46,12 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Calls of the training, which does nothing."""
     calls: list[Any] = []
 
-    def fine_tune(job, annotations, images, progress):
-        calls.append((job, annotations, images))
-        progress("training", 0.5)
-        return Trained(job.detector)
+    def fine_tune(annotations, images, folder, *, on_progress):
+        calls.append((folder, annotations, images))
+        on_progress("training", 0.5)
+        return Trained(folder)
 
-    monkeypatch.setattr(AnnotationJob, "_fine_tune", fine_tune)
+    monkeypatch.setattr("tipforce.pipelines._fine_tune_locator.fine_tune_locator", fine_tune)
     return calls
 
 
@@ -77,18 +77,22 @@ def test_the_detector_is_trained_on_the_finished_frames(folder: Path, trained: l
     result = run("frames", "--from", "lines.csv", "--train")
     assert result.exit_code == 0
     assert re.search(r"trained on 2 frames in 3 s; wrote .*detector", result.output)
-    ((job, annotations, images),) = trained
-    assert job.detector == Path("detector")
+    ((detector, annotations, images),) = trained
+    assert detector == Path("detector")
     assert [each.points_px.shape for each in annotations] == [(64, 2), (64, 2)]
     assert np.array_equal(images[0], draw_image(bend_at(0)))
 
 
 def test_the_detector_is_stored_beside_the_bench_file(folder: Path, trained: list[Any]) -> None:
     (folder / "lab").mkdir()
-    (folder / "lab" / "bench.toml").write_text("")
-    run("frames", "--from", "lines.csv", "--train", "--bench", "lab/bench.toml")
-    run("frames", "--train", "-o", "own")
-    assert [job.detector for job, *_ in trained] == [Path("lab/detector"), Path("own")]
+    bench = folder / "lab" / "bench.toml"
+    bench.write_text("# my bench\n[views.camera]\nbase_side = 'left'\n")
+    result = run("frames", "--from", "lines.csv", "--train", "--bench", "lab/bench.toml")
+    assert "lab/bench.toml names it" in result.output
+    assert "vision.detector=own" in run("frames", "--train", "-o", "own").output
+    assert [detector for detector, *_ in trained] == [Path("lab/detector"), Path("own")]
+    assert bench.read_text().startswith("# my bench\n[views.camera]\nbase_side = 'left'\n")
+    assert read_bench(bench).view("camera").detector == str(folder / "lab" / "detector")
 
 
 def test_the_page_is_served_until_it_is_finished(

@@ -2,14 +2,27 @@
 
 import functools
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tipforce.errors import InputError
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.simulation.world import FAST
 from tipforce.types import Catheter, DetectedShape, Image, SessionInfo, Status, ViewInfo
-from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, auto_calibrate, for_session
+from tipforce.vision import (
+    ResolvedVision,
+    SessionDetector,
+    ShapeDetector,
+    VisionSettings,
+    _detector,
+    auto_calibrate,
+    for_session,
+)
+from tipforce.vision import (
+    locator as locator_package,
+)
 from tipforce.vision.locator import (
     ACROSS,
     HALF_WIDTH,
@@ -19,6 +32,7 @@ from tipforce.vision.locator import (
     session_constants,
     straightened,
 )
+from tipforce.vision.locator._prompts import channels
 
 SEED, SESSION = 9500, 3
 """Not among the sessions that the networks were trained on, nor those that results are reported on."""
@@ -143,6 +157,72 @@ def test_a_tip_that_is_known_less_exactly_than_the_limit_is_refused():
     shape, _ = _hidden_tip(VisionSettings(method="auto", max_tip_std_px=0.05))
     assert shape.status is Status.CUT_OFF
     assert "max_tip_std_px" in shape.detail
+
+
+def test_a_bar_from_border_to_border_is_not_the_catheter():
+    image = np.full((240, 320), 200, np.uint8)
+    image[100:140, :] = 60  # a bar from border to border
+    noise = np.random.default_rng(0).normal(0.0, 3.0, (4, *image.shape))
+    images = list(np.clip(image + noise, 0, 255).astype(np.uint8))
+    with pytest.raises(InputError, match="base_region"):
+        auto_calibrate(AUTO, images, SessionInfo("bar"))
+
+
+def test_before_there_are_enough_images_the_first_one_resolves_the_detection(monkeypatch: pytest.MonkeyPatch):
+    images, _, info = session()
+    calls: list[int] = []
+
+    def counted(*given, **more):
+        calls.append(len(given[1]))
+        return auto_calibrate(*given, **more)
+
+    monkeypatch.setattr(_detector, "auto_calibrate", counted)
+    detector = SessionDetector(HIDDEN_TIPS.model_copy(update={"least_probability": 0.0}), info)
+    found = [detector.detect(image).found for image in images]
+    assert all(found)
+    assert calls == [1]
+
+
+def test_a_fine_tuned_detector_is_read_from_its_folder(tmp_path: Path):
+    images, _, info = session()
+    view = replace(info.view("camera"), detector=str(tmp_path))
+    named = replace(info, views={"camera": view})
+    with pytest.raises(InputError, match=r"detector\.onnx: does not exist"):
+        auto_calibrate(AUTO, images, named)
+    shipped = Path(locator_package.__file__).with_name("locator.onnx")
+    (tmp_path / "detector.onnx").write_bytes(shipped.read_bytes())
+    found = auto_calibrate(AUTO, images, named)
+    assert found.detector == str(tmp_path)
+    assert found.locator is not None
+    assert np.linalg.norm(np.array(found.locator.base_px) - constants().base_px) < 4.0
+
+
+@pytest.mark.parametrize(
+    "prompts",
+    [
+        Prompts(),
+        Prompts(base_px=np.array([20.3, 31.7]), length_px=120.0, diameter_px=0.3),
+        Prompts(border="bottom", diameter_px=7.0),
+        Prompts(region=(10, 20, 30, 50), border="left"),
+    ],
+)
+def test_prompts_are_the_channels_that_the_network_was_trained_with(prompts: Prompts):
+    torch = pytest.importorskip("torch")
+    from tipforce.training.locator import prompt_channels
+
+    nothing = torch.full((1, 1, 2), torch.nan)
+    stated = {"base": [torch.nan] * 2, "region": [torch.nan] * 4, "side": [torch.nan], "sizes": [torch.nan] * 2}
+    if prompts.base_px is not None:
+        stated["base"] = prompts.base_px.tolist()
+    if prompts.region is not None:  # the last pixel belongs to the training's box
+        u0, v0, u1, v1 = prompts.region
+        stated["region"] = [u0, v0, u1 - 1, v1 - 1]
+    if prompts.border is not None:
+        stated["side"] = [("left", "right", "top", "bottom").index(prompts.border)]
+    stated["sizes"] = [torch.nan if size is None else size for size in (prompts.length_px, prompts.diameter_px)]
+    base, region, side, sizes = (torch.tensor([values], dtype=torch.float32) for values in stated.values())
+    wanted = prompt_channels((64, 96), base, region, side, nothing[:, 0], nothing, nothing, sizes)
+    np.testing.assert_allclose(channels(prompts, 64, 96), wanted[0].numpy(), atol=1e-5)
 
 
 def test_prompts_move_with_the_image():

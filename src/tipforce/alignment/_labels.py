@@ -20,7 +20,7 @@ class Labels:
 
     Attributes:
         stamp_ns: (n,) stamps of the frames.
-        force_n: (n, 3) forces in N; NaN where there is none.
+        force_n: (n, 3) forces in N; NaN where the force is not known.
         known: (3,) whether the sensor measures each component.
     """
 

@@ -27,7 +27,7 @@ def find_plausible_force(
 
     Args:
         stamps: (n,) stamps of the readings, rising.
-        force: (n, 3) readings, N, in the sensor's frame; NaN where there is none.
+        force: (n, 3) readings, N, in the sensor's frame; NaN where a reading is missing.
         stage: movement of the stage that carries the sensor.
         choice: the tare as it is stated, or "auto".
         remarks: sentences for the user are added to it.

@@ -54,7 +54,7 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
 
     Args:
         stamps_ns: (n,) stamps of the force log.
-        force_n: (n, 3) readings in newtons; NaN where there is none.
+        force_n: (n, 3) readings in newtons; NaN where a reading is missing.
 
     Returns:
         The tare with its standard error in newtons and its stretches in seconds since the first reading;

@@ -27,7 +27,7 @@ class Proposal:
     """The line that is shown in a frame before the person marks it.
 
     Attributes:
-        points_px: (k, 2) points that can be dragged; (0, 2) where there is none.
+        points_px: (k, 2) points that can be dragged; (0, 2) without a line.
         carried_from: name of the finished frame whose line was carried here; "" for the detector's own line.
         detail: why the detector found nothing, or "".
     """

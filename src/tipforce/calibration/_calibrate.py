@@ -92,7 +92,7 @@ class Calibration:
         """Returns the quantity with this name.
 
         Raises:
-            KeyError: there is none.
+            KeyError: the calibration has no such quantity.
         """
         for each in self.quantities:
             if each.name == name:

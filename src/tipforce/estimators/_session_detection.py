@@ -61,7 +61,7 @@ class SessionDetection:
         return self._detector.key
 
     def read(self, observation: Observation) -> DetectedLine | Abstention:
-        """Returns the catheter in the image of ``observation``, or the reason why there is none."""
+        """Returns the catheter in the image of ``observation``, or the reason why it was not found."""
         self.shape = None
         name = self._settings.view
         view = read_view(observation, name, "vision.view")

@@ -326,7 +326,7 @@ class FusionStream:
         self._vouched = _RodAgreement(settings.vouched_s)
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """The force at this observation; its status says why where there is none."""
+        """Returns the force at this observation; the status states the reason of an abstention."""
         own = self._rod.update(observation)
         by_rod = _believed(own, self._settings.rod_std_n)
         # a push along the shaft's axis is no reason to reject the image: the shape does not show it

@@ -91,7 +91,7 @@ class Evaluation:
     perturbed: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict[str, Any], repr=False)
 
     def result(self, method: str, protocol: str) -> MethodResult | None:
-        """Returns the result of one method under one protocol; None where there is none.
+        """Returns the result of one method under one protocol; None if it was not evaluated.
 
         Args:
             method: Label of the method.
@@ -211,7 +211,7 @@ def _check_inputs(
         dataset: n samples.
         methods: methods to evaluate, with different names.
         settings: settings of the evaluation; ``perturbed_frames`` requires images in the dataset.
-        truth_n: forces of the ground truth in newtons, in the shape of those of ``dataset``; None: there is none.
+        truth_n: forces of the ground truth in newtons, in the shape of those of ``dataset``; None: it is not known.
         bounds: Cramer-Rao bounds of the n samples; they require ``truth_n``.
 
     Raises:

@@ -33,7 +33,7 @@ class Method:
         trained_sessions: Fingerprints of the sessions that the saved model was trained on (names, where a model was
             made before these were kept), or, where ``estimator`` is fine-tuned from a model's weights, that model's.
         trained_fingerprint: Fingerprint of the data that the saved model was trained on.
-        initial_sha256: Checksum of the model whose weights ``estimator`` is fine-tuned from; empty if there is none.
+        initial_sha256: Checksum of the model whose weights ``estimator`` is fine-tuned from; empty without one.
     """
 
     label: str

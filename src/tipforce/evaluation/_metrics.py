@@ -102,7 +102,7 @@ def interval_metrics(reference_n: FloatArray, interval_n: FloatArray) -> dict[st
 
     Args:
         reference_n: (n,) in newtons.
-        interval_n: (n, 2) lower and upper end in newtons; NaN where there is none, infinite where unbounded.
+        interval_n: (n, 2) lower and upper end in newtons; NaN without an interval, infinite where unbounded.
 
     Returns:
         ``coverage``: share of the references inside their interval; ``width_n`` and ``width_g``: mean width of the

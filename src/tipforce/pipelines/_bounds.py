@@ -19,7 +19,7 @@ def bounds_from(dataset: "Dataset", folder: Path, progress: Callable[[str, float
         progress: called with the current work and its finished share.
 
     Returns:
-        The bounds of the samples, NaN where there is none, with notes on the reasons.
+        The bounds of the samples, NaN where a sample has no bound, with notes on the reasons.
     """
     import numpy as np
 

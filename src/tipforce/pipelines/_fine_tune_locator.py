@@ -6,7 +6,7 @@ import platform
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -160,7 +160,7 @@ def fine_tune_locator(
     rehearsal = rehearsal_images(settings.seed, REHEARSAL_IMAGES, lambda text, share: report(text, DRAWN_SHARE * share))
     chosen = FineTuneSettings(seed=settings.seed, max_seconds=settings.max_seconds)
     if settings.steps is not None:
-        chosen = FineTuneSettings(seed=settings.seed, max_seconds=settings.max_seconds, steps=settings.steps)
+        chosen = replace(chosen, steps=settings.steps)
     tuned = fine_tune(
         network,
         annotated,
@@ -301,7 +301,7 @@ def _locate(network: "Locator", labelled: "LabelledImage", length_px: float) -> 
 def _figures(
     found: "Sequence[LocatedPoints]", labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation]
 ) -> LocatorFigures | None:
-    """Returns the figures of found lines beside the annotated ones; None if there is none."""
+    """Returns the figures of found lines beside the annotated ones; None without a line."""
     if not truth:
         return None
     right: list[bool] = []

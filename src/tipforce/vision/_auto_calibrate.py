@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..types import Box, DetectedShape, FloatArray, Image, SessionInfo, Status
 from ._by_locator import network_file, same_line, stated_prompts
+from ._clamp import INWARD
 from ._line_probability import probability
 from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
 from ._settings import BaseSide, LocatorPrior, Polarity, ResolvedVision, VisionSettings
@@ -318,10 +319,9 @@ def _base_box(base_px: FloatArray, side: BaseSide, diameter_px: float, size: tup
     """Returns the base region just beyond ``base_px`` in an image of ``size`` (h, w)."""
     rows, columns = size
     base_px = np.clip(base_px, 0, (columns - 1, rows - 1))
-    ahead = {"left": (1, 0), "right": (-1, 0), "top": (0, 1), "bottom": (0, -1)}[side]
     reach, half = BOX_LENGTH_DIAMETERS * diameter_px, BOX_HALF_WIDTH_DIAMETERS * diameter_px
     low, high = base_px.copy(), base_px.copy()
-    for k, step in enumerate(ahead):
+    for k, step in enumerate(INWARD[side]):
         low[k] += -half if step == 0 else -reach if step < 0 else 0.0
         high[k] += half if step == 0 else reach if step > 0 else 0.0
     u0, v0 = np.ceil(low).astype(int).tolist()

@@ -1,6 +1,5 @@
 """Detection by the locator in one image after another of a session whose constants are known."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,7 +85,6 @@ class LocatorDetector:
             length_px=vision.locator.length_px,
             diameter_px=vision.locator.diameter_px,
         )
-
         self._network = network_file(vision.detector)
         self._known = Known(
             vision.locator.length_px,
@@ -129,13 +127,12 @@ class LocatorDetector:
                 Status.CUT_OFF,
                 f"the line to ({end[0]:.0f}, {end[1]:.0f}) is the catheter with a probability of {right:.0%} only",
             )
-        way = -3.0 * begins + 4.0 * line.points[2] - line.points[4]
         hidden = line.tip_seen < MIN_TIP_SEEN
         shape = DetectedShape(
             Status.VALID,
             "the tip is hidden: it is placed by the session's length" if hidden else "",
             CentrelinePx(line.points),
-            BasePose(begins, math.atan2(-way[1], way[0])),
+            BasePose(begins, -line.heading_rad),
             prior.diameter_px,
             float(line.seen.mean()),
             probability_right=right,

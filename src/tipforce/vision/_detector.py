@@ -74,7 +74,8 @@ class ShapeDetector:
 
     def __init__(self, vision: ResolvedVision | VisionSettings, info: SessionInfo | None = None) -> None:
         self.settings, self._info = vision, info
-        self._base_side: BaseSide = vision.base_side
+        self.resolved = vision if isinstance(vision, ResolvedVision) else None
+        """Settings that the last image was read with; None before open settings were resolved on one."""
         self._open: VisionSettings | None = None
         self._detector: Detector | None = None
         kind = detector_kind(vision.method)
@@ -86,7 +87,7 @@ class ShapeDetector:
     @property
     def base_side(self) -> BaseSide:
         """The border that the shaft came from in the last image; "auto" where nothing states or found it."""
-        return self._base_side
+        return (self.resolved or self.settings).base_side
 
     def detect(self, image: Image) -> DetectedShape:
         """Returns the catheter's shape in ``image``, (h, w) grey or (h, w, 3) RGB, uint8; or why it was not found."""
@@ -94,8 +95,8 @@ class ShapeDetector:
         if detector is None:
             assert self._open is not None
             try:
-                found = auto_calibrate(self._open, [image], self._info)
+                self.resolved = auto_calibrate(self._open, [image], self._info)
             except InputError as error:
                 return DetectedShape(Status.NO_CATHETER, str(error))
-            detector, self._base_side = _with_locator(found), found.base_side
+            detector = _with_locator(self.resolved)
         return detector.detect(image)

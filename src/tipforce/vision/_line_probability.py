@@ -11,7 +11,7 @@ MAX_LOGIT = 6.0
 """Larger logits say no more."""
 
 
-class Signs(NamedTuple):
+class LineFeatures(NamedTuple):
     """Features that separate a right line from a wrong one."""
 
     right: float
@@ -31,13 +31,13 @@ class Signs(NamedTuple):
 
 
 INTERCEPT = -12.301
-WEIGHTS = Signs(0.105, 4.98, 1.37, -2.14, 4.24, -2.63, -1.69)
+WEIGHTS = LineFeatures(0.105, 4.98, 1.37, -2.14, 4.24, -2.63, -1.69)
 """Weights of a logistic regression on simulated sessions that were not used in training: docs/results/locator.md."""
 
 
-def signs(line: Located) -> Signs:
+def line_features(line: Located) -> LineFeatures:
     """Returns the features of ``line``."""
-    return Signs(
+    return LineFeatures(
         float(np.clip(line.right, -MAX_LOGIT, MAX_LOGIT)),
         math.log(max(line.mass, 0.05)),
         float(np.clip(math.log(line.present / max(1.0 - line.present, 1e-9)), -MAX_LOGIT, MAX_LOGIT)),
@@ -50,5 +50,5 @@ def signs(line: Located) -> Signs:
 
 def probability(line: Located) -> float:
     """Returns the probability that ``line`` is right."""
-    score = INTERCEPT + sum(weight * sign for weight, sign in zip(WEIGHTS, signs(line), strict=True))
+    score = INTERCEPT + sum(weight * sign for weight, sign in zip(WEIGHTS, line_features(line), strict=True))
     return 1.0 / (1.0 + math.exp(-min(max(score, -30.0), 30.0)))

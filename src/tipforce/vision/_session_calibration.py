@@ -51,8 +51,8 @@ class SessionDetector:
     """Detects the catheter in the images of one session.
 
     Images that are at hand beforehand resolve the open settings, once: every verb that is given the same
-    images then detects the same shapes in them. Without such images detection begins with ``shared``, else with each
-    image by itself, and is resolved on the session's own images as these come.
+    images then detects the same shapes in them. Without such images detection begins with ``shared``, else with the
+    first image by itself, and is resolved on the session's own images as these come.
 
     Args:
         settings: the settings of the user.
@@ -77,7 +77,8 @@ class SessionDetector:
             if detector_kind(settings.method).by_session:
                 self._calibration = SessionCalibration(settings, info)
         self._detector = ShapeDetector(vision, info)
-        self._base_side: BaseSide = vision.base_side
+        self._begun: ShapeDetector | None = None
+        """Resolved on one image of the session, until there are enough: to resolve each anew takes 65 to 380 ms."""
 
     @property
     def vision(self) -> ResolvedVision | VisionSettings:
@@ -93,14 +94,18 @@ class SessionDetector:
     @property
     def base_side(self) -> BaseSide:
         """The border that the shaft came from in the last image; "auto" where nothing states or found it."""
-        return self._base_side
+        return (self._begun or self._detector).base_side
 
     def detect(self, image: Image) -> DetectedShape:
         """Returns the catheter's shape in ``image``, (h, w) grey or (h, w, 3) RGB, uint8; or why it was not found."""
-        shape = self._detector.detect(image)
-        self._base_side = self._detector.base_side
+        shape = self._begun.detect(image) if self._begun else None
+        if shape is None or not shape.found:
+            shape = self._detector.detect(image)
+            resolved = self._detector.resolved
+            if self._calibration is not None and shape.found and resolved is not None and resolved is not self.vision:
+                self._begun = ShapeDetector(resolved, self._info)
         if self._calibration is not None and (found := self._calibration.add(image)) is not None:
-            self._detector = ShapeDetector(found, self._info)
+            self._detector, self._begun = ShapeDetector(found, self._info), None
         return shape
 
 

@@ -128,7 +128,7 @@ def _keypoints(path: Path, values: Any, place: str) -> tuple[list[tuple[float, f
         _fail(path, f"{place}: keypoints hold a value that is no number, or larger than {MAX_PIXEL:g}")
     visible = [int(each) for each in values[2::3]]
     if not set(visible) <= {NOT_LABELLED, NOT_VISIBLE, VISIBLE}:
-        _fail(path, f"{place}: a visibility is none of 0, 1 and 2")
+        _fail(path, f"{place}: a visibility is not 0, 1 or 2")
     points = zip(values[::3], values[1::3], visible, strict=True)
     return [(float(u), float(v)) if seen else None for u, v, seen in points], visible
 

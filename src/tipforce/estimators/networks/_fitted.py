@@ -20,7 +20,7 @@ class FittedNetwork:
         known: (3,) which force components it estimates.
         graph: the graph that is used.
         data: bytes of the graph in 32 bits.
-        quantised: bytes of the graph in 8 bits, None where there is none.
+        quantised: bytes of the graph in 8 bits, None without such a graph.
         log: the training log.
         arrays: further fitted arrays, see `NetworkEstimator.fit_arrays`.
         interval: conformal intervals.

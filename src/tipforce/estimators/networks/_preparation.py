@@ -79,7 +79,7 @@ def training_components(dataset: Dataset, wanted: str, method: str) -> BoolArray
         (3,), True for x, y, z that are estimated.
 
     Raises:
-        InputError: there is none, or some samples have no force.
+        InputError: there is no sample, or some samples have no force.
     """
     known = np.asarray(dataset.known) & (np.array([True, True, False]) if wanted == "xy" else True)
     if not known.any():

@@ -77,7 +77,7 @@ def rate_compensation_from(calibration: CalibrationBatch, initial: RateCompensat
 
     Args:
         calibration: the trained graph with its samples.
-        initial: compensation of the initial model; None: there is none.
+        initial: compensation of the initial model; None: it has none.
 
     Returns:
         The compensation; ``initial``, or none, where no sample has an earlier one.

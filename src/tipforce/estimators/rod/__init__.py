@@ -8,7 +8,7 @@ from ._lines import POINTS, LineFrame
 from ._noise_level import NoiseLevel
 from ._posterior import Mixed
 from ._settings import ConstantPriors, LineSettings, NoiseSettings, PriorSettings, RodSettings, RodTrackSettings
-from .rod import Rod, RodEstimator, actuation_out_of_range
+from .rod import HistoryRodEstimator, Rod, RodEstimator, actuation_out_of_range, late_frame
 from .rod_track import RodTrack
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "ConstantPriors",
     "Detected",
     "Detection",
+    "HistoryRodEstimator",
     "Knowledge",
     "LineError",
     "LineFrame",
@@ -33,6 +34,7 @@ __all__ = [
     "RodTrackSettings",
     "Widths",
     "actuation_out_of_range",
+    "late_frame",
     "noise_unit_m",
     "rod_model",
     "stated_stds",

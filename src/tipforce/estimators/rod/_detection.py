@@ -38,7 +38,7 @@ class Detection:
         return self._detection.shape
 
     def read(self, observation: Observation) -> Detected | Abstention:
-        """The catheter in the image of ``observation``, or why there is none."""
+        """Returns the catheter in the image of ``observation``, or the reason why it was not found."""
         found = self._detection.read(observation)
         if isinstance(found, Abstention):
             return found

@@ -113,7 +113,7 @@ class Knowledge:
         return cls(mean, np.diag(np.square(std)), prior.contact_share)
 
     def for_session(self, settings: LineSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
-        """Mean and covariance of the constants at a knob angle; NaN: there is none."""
+        """Mean and covariance of the constants at a knob angle; NaN: not known."""
         mean, covariance = self.constants.copy(), self.constants_covariance.copy()
         for at, std in stated_stds(info, settings.vision.view).items():
             if not (self.sessions and at == _STIFFNESS):  # which was learnt

@@ -7,7 +7,7 @@ covariance comes with the force.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -112,6 +112,37 @@ class RodEstimator(CentrelineEstimator):
         )
 
 
+class HistoryRodEstimator(RodEstimator):
+    """Base class of the methods that use all frames so far."""
+
+    stream_type: ClassVar[Callable[..., Stream]]
+    """Makes the stream from settings, knowledge, widths of the intervals, metadata and images."""
+
+    @property
+    def uses_history(self) -> bool:
+        """It remembers."""
+        return True
+
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
+        """A stream for one session; see `Estimator.start`."""
+        if missing := missing_metadata(self.required_metadata, info):
+            return UninformedStream(missing)
+        return type(self).stream_type(self.settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
+
+
+def late_frame(stamp_ns: int, newest_ns: int | None) -> ForceEstimate | None:
+    """Returns the refusal of a frame that is not newer than the newest one; None where it is newer.
+
+    Args:
+        stamp_ns: stamp of the frame.
+        newest_ns: stamp of the newest frame that was used; None before the first.
+    """
+    if newest_ns is None or stamp_ns > newest_ns:
+        return None
+    late_ms = (newest_ns - stamp_ns) * 1e-6
+    return ForceEstimate.invalid(stamp_ns, Status.STALE, f"{late_ms:.1f} ms older than a frame that was used already")
+
+
 class Rod(RodEstimator):
     """Each frame by itself; see the module."""
 
@@ -137,7 +168,7 @@ class RodStream:
         self._solver = ContactFit(settings, knowledge, model)
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """The force at this observation; its status says why where there is none."""
+        """Returns the force at this observation; the status states the reason of an abstention."""
         stamp = observation.stamp_ns
         detected = self._detection.read(observation)
         shape = self._detection.shape
@@ -150,7 +181,7 @@ class RodStream:
         return estimate_of(self._settings, self._widths, stamp, found, shape)
 
     def fit(self, detected: Detected, knob_deg: float) -> Outcome | Abstention:
-        """Returns the force from the line, or the reason why there is none."""
+        """Returns the force from the line, or the reason of the abstention."""
         if abstention := actuation_out_of_range(self._settings, self._info, knob_deg):
             return abstention
         mean, covariance = self._knowledge.for_session(self._settings, self._info, knob_deg)

@@ -10,37 +10,15 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from ...types import ForceEstimate, Image, Observation, SessionInfo, Status
-from .._base import Stream
 from .._reading import Abstention
 from .._recent_share import RecentShare
-from .._session_metadata import UninformedStream, missing_metadata
 from ._calibration import Widths
 from ._detection import Detection
 from ._filter import ContactFilter
 from ._knowledge import Knowledge, rod_model
 from ._outcome import estimate_of, unfit
 from ._settings import RodTrackSettings
-from .rod import RodEstimator, actuation_out_of_range
-
-
-class RodTrack(RodEstimator):
-    """All frames so far; see the module."""
-
-    name: ClassVar[str] = "rod-track"
-    settings_type = RodTrackSettings
-
-    @property
-    def uses_history(self) -> bool:
-        """It remembers."""
-        return True
-
-    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
-        """A stream for one session; see `Estimator.start`."""
-        if missing := missing_metadata(self.required_metadata, info):
-            return UninformedStream(missing)
-        settings = self.settings
-        assert isinstance(settings, RodTrackSettings)
-        return RodTrackStream(settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
+from .rod import HistoryRodEstimator, actuation_out_of_range, late_frame
 
 
 class RodTrackStream:
@@ -61,11 +39,10 @@ class RodTrackStream:
         self._stamp_ns: int | None = None
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """The force at this observation; its status says why where there is none."""
+        """Returns the force at this observation; the status states the reason of an abstention."""
         stamp = observation.stamp_ns
-        if self._stamp_ns is not None and stamp <= self._stamp_ns:
-            late = (self._stamp_ns - stamp) * 1e-6
-            return ForceEstimate.invalid(stamp, Status.STALE, f"{late:.1f} ms older than a frame that was used already")
+        if late := late_frame(stamp, self._stamp_ns):
+            return late
         detected = self._detection.read(observation)
         shape = self._detection.shape
         found = detected if isinstance(detected, Abstention) else None
@@ -88,3 +65,11 @@ class RodTrackStream:
                 shape,
             )
         return estimate
+
+
+class RodTrack(HistoryRodEstimator):
+    """All frames so far; see the module."""
+
+    name: ClassVar[str] = "rod-track"
+    settings_type = RodTrackSettings
+    stream_type = RodTrackStream

@@ -430,7 +430,7 @@ class RodModelStream:
         self._reader = estimator.reader(info, images)
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """Estimates the force at this observation; its status states why where there is none."""
+        """Estimates the force at this observation; the status states the reason of an abstention."""
         line = self._reader.read(observation)
         if isinstance(line, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, line.status, line.detail, self._reader.shape)

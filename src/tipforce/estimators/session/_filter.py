@@ -84,7 +84,7 @@ class SessionFilter:
         Args:
             line: the line.
             scale: metres per pixel.
-            knob_deg: reading of the knob; NaN: there is none.
+            knob_deg: reading of the knob; NaN: not known.
             elapsed_s: time since the previous line.
             advance_m: advance of the clamp, with which the line's frame goes.
 

@@ -30,7 +30,7 @@ class SessionState:
         settings: the settings.
         knowledge: knowledge of the constants beforehand.
         info: the session metadata.
-        knob_deg: first reading of the knob; NaN: there is none.
+        knob_deg: first reading of the knob; NaN: not known.
     """
 
     def __init__(self, settings: SessionSettings, knowledge: Knowledge, info: SessionInfo, knob_deg: float) -> None:

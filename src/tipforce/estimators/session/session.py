@@ -10,33 +10,11 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from ...types import ForceEstimate, Image, Observation, SessionInfo, Status
-from .._base import Stream
 from .._builder import within_error
 from .._reading import Abstention
-from .._session_metadata import UninformedStream, missing_metadata
-from ..rod import Detection, Knowledge, RodEstimator, Widths, actuation_out_of_range, rod_model
+from ..rod import Detection, HistoryRodEstimator, Knowledge, Widths, actuation_out_of_range, late_frame, rod_model
 from ._filter import SessionFilter
 from ._settings import SessionSettings
-
-
-class SessionModel(RodEstimator):
-    """All frames so far; see the module."""
-
-    name: ClassVar[str] = "session"
-    settings_type = SessionSettings
-
-    @property
-    def uses_history(self) -> bool:
-        """It remembers."""
-        return True
-
-    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
-        """A stream for one session; see `Estimator.start`."""
-        if missing := missing_metadata(self.required_metadata, info):
-            return UninformedStream(missing)
-        settings = self.settings
-        assert isinstance(settings, SessionSettings)
-        return SessionStream(settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
 
 
 class SessionStream:
@@ -56,11 +34,10 @@ class SessionStream:
         self._stamp_ns: int | None = None
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """The force at this observation; its status says why where there is none."""
+        """Returns the force at this observation; the status states the reason of an abstention."""
         stamp, settings = observation.stamp_ns, self._settings
-        if self._stamp_ns is not None and stamp <= self._stamp_ns:
-            late = (self._stamp_ns - stamp) * 1e-6
-            return ForceEstimate.invalid(stamp, Status.STALE, f"{late:.1f} ms older than a frame that was used already")
+        if late := late_frame(stamp, self._stamp_ns):
+            return late
         detected = self._detection.read(observation)
         shape = self._detection.shape
         if isinstance(detected, Abstention):
@@ -88,3 +65,11 @@ class SessionStream:
                 shape,
             )
         return within_error(self._widths.estimate(stamp, found.force, shape), settings.max_error_n)
+
+
+class SessionModel(HistoryRodEstimator):
+    """All frames so far; see the module."""
+
+    name: ClassVar[str] = "session"
+    settings_type = SessionSettings
+    stream_type = SessionStream

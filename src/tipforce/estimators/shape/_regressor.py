@@ -420,7 +420,7 @@ class ShapeStream:
         self._builder = EstimateBuilder(fitted.known, fitted.interval)
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """Returns the force at this observation; its status says why where there is none."""
+        """Returns the force at this observation; the status states the reason of an abstention."""
         row, fitted = self._inputs.read(observation), self._fitted
         shape = self._inputs.shape
         if not isinstance(row, Abstention):

@@ -32,7 +32,7 @@ class Rows:
         width: number of features of one lag.
         why_not: the first sample without a shape, and why.
         left_out: see `left_out_by_session`.
-        vision: the detection of the first session in whose images a catheter was found; None where there is none.
+        vision: the detection of the first session in whose images a catheter was found; None if in no session.
     """
 
     features: FloatArray

@@ -34,9 +34,9 @@ class Chain(NamedTuple):
         stiffness_nm2: (m,) EI.
         precurvature_per_m: (m,) pre-curvature.
         soft: 1 / k_s^2 of the stiffening law, in m^2.
-        link_m: (m,) length of each link, 0 if there is none.
+        link_m: (m,) length of each link, 0 without a link.
         give_m_per_n: (m,) lengthening of each link per newton of pull along it.
-        arc_m: (m,) length of each arc, 0 if there is none.
+        arc_m: (m,) length of each arc, 0 without an arc.
     """
 
     span_m: FloatArray

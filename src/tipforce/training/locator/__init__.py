@@ -1,7 +1,14 @@
 """Training of the locator, the network that finds the catheter in any image; it needs torch when it is imported."""
 
 from ._camera import camera_image, motion_blur
-from ._export import GRAPH_OUTPUTS, export_locator, graph_with_weights, locator_from_graph, quantise_locator
+from ._export import (
+    GRAPH_OUTPUTS,
+    export_locator,
+    graph_with_weights,
+    locator_from_graph,
+    quantise_locator,
+    read_weights,
+)
 from ._fine_tune import TRAINED_PARTS, FineTuned, FineTuneSettings, fine_tune
 from ._inputs import NOMINAL_DIAMETER_PX, NOMINAL_LENGTH_PX, PROMPT_CHANNELS, network_input, prompt_channels
 from ._labels import (
@@ -32,7 +39,6 @@ from ._network import (
     Locator,
     LocatorOutputs,
     heat_peaks,
-    read_checkpoint,
 )
 from ._windows import (
     CELLS,
@@ -97,7 +103,7 @@ __all__ = [
     "prompt_channels",
     "quantise_locator",
     "random_scene",
-    "read_checkpoint",
+    "read_weights",
     "window",
     "window_shapes",
 ]

@@ -109,3 +109,20 @@ def locator_from_graph(path: Path) -> Locator:
         state[name] = torch.from_numpy(np.array(given))
     network.load_state_dict(state)
     return network.eval()
+
+
+def read_weights(path: Path) -> Locator:
+    """Returns the network, in eval mode, with the weights of a graph or of a training.
+
+    Args:
+        path: a graph of `export_locator`; or the state of a training, of which the running mean of the weights of the
+            main network is used.
+
+    Raises:
+        ModelError: the file is no graph of the locator.
+    """
+    if path.suffix == ".onnx":
+        return locator_from_graph(path)
+    network = Locator()
+    network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True)["main"]["mean"])
+    return network.eval()

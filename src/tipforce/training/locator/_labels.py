@@ -29,7 +29,7 @@ class LabelledImage:
 
     Attributes:
         image: (h, w, 3) RGB.
-        line_px: (LABEL_POINTS, 2) u, v px of the free catheter, base to tip. Where there is none it is any line.
+        line_px: (LABEL_POINTS, 2) u, v px of the free catheter, base to tip. Without a catheter it is any line.
         state: (LABEL_POINTS,) OUTSIDE, HIDDEN or SEEN.
         mask: (h, w) pixels of the catheter; None where they are not known.
         side: index in SIDES of the border that the catheter comes from; -1 where it is not known.

@@ -184,20 +184,6 @@ class Locator(nn.Module):
         return LocatorOutputs(heat, kinds, dense, states, present)
 
 
-def read_checkpoint(path: Path) -> Locator:
-    """Returns the network, in eval mode, with the weights in a checkpoint.
-
-    Args:
-        path: weights by name, in half precision or not; or the state of a training, of which the running mean of the
-            weights of the main network is used.
-    """
-    network = Locator()
-    state = torch.load(path, map_location="cpu", weights_only=True)
-    state = state["main"]["mean"] if "main" in state else state
-    network.load_state_dict({name: value.float() for name, value in state.items()})
-    return network.eval()
-
-
 @torch.no_grad()
 def heat_peaks(heat: Tensor) -> tuple[Tensor, Tensor]:
     """Returns the peaks of the heat maps, to a fraction of a cell.

@@ -59,10 +59,8 @@ class Located:
         seen: (n,) whether the catheter is visible there.
         length_px: length of the line.
         length_std_px: standard deviation of the length, px: small where the tip is seen.
-        diameter_px: diameter that the strip was read with.
         tip_seen: probability that the tip is visible.
-        base_peak: probability of the base near its peak; 1 where it is outside the image.
-        tip_peak: the same of the tip, without the session's length.
+        tip_peak: probability of the tip near its peak, by the image alone.
         base_in_view: whether the line begins inside the image.
         mass: mean probability of the rough points near their peaks.
         present: probability that a catheter is in the image.
@@ -80,9 +78,7 @@ class Located:
     seen: npt.NDArray[np.bool_]
     length_px: float
     length_std_px: float
-    diameter_px: float
     tip_seen: float
-    base_peak: float
     tip_peak: float
     base_in_view: bool
     mass: float
@@ -99,6 +95,17 @@ class Located:
     def is_there(self) -> bool:
         """Whether the networks see a catheter at all."""
         return self.present >= MIN_PRESENT and self.mass >= MIN_MASS
+
+    @property
+    def sureness(self) -> float:
+        """How sure both networks are of the line, 0 to 1."""
+        return self.mass * self.present / (1.0 + math.exp(-self.right))
+
+    @property
+    def heading_rad(self) -> float:
+        """Direction at the base, from u toward v."""
+        along_u, along_v = -3.0 * self.points[0] + 4.0 * self.points[2] - self.points[4]
+        return math.atan2(along_v, along_u)
 
 
 def as_colour(image: Image) -> npt.NDArray[np.uint8]:
@@ -117,13 +124,14 @@ def read_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | 
         scale = min(NOMINAL_LENGTH_PX / prompts.length_px, MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
         return _read_at(image, prompts, scale, network)
     sides = [side for side in PYRAMID_SIDES_PX if side <= MAX_MAGNIFICATION * longer] or PYRAMID_SIDES_PX[:1]
-    best = max((_read_at(image, prompts, side / longer, network) for side in sides), key=_sureness)
+    best = max((_read_at(image, prompts, side / longer, network) for side in sides), key=sureness)
     length = float(arc_length(rough_line(best))[-1])
     scale = min(NOMINAL_LENGTH_PX / max(length, 1.0), MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
-    return max(best, _read_at(image, prompts, scale, network), key=_sureness)
+    return max(best, _read_at(image, prompts, scale, network), key=sureness)
 
 
-def _sureness(read: RoughPoints) -> float:
+def sureness(read: RoughPoints) -> float:
+    """Returns how sure the points of a reading are, 0 to 1."""
     return float(read.mass.mean()) * read.present
 
 
@@ -214,9 +222,7 @@ def _located(
         seen=seen,
         length_px=float(arc[-1]),
         length_std_px=step * math.hypot(tip.std, base.std) * (SEEN_STD_FACTOR if tip_seen > 0.5 else HIDDEN_STD_FACTOR),
-        diameter_px=diameter_px,
         tip_seen=tip_seen,
-        base_peak=base.peak,
         tip_peak=tip.peak,
         base_in_view=twice.base_in_view,
         mass=float(read.mass.mean()),

@@ -10,15 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ...types import FloatArray
-from ._prompts import Prompts, channels
+from ._prompts import CHANNELS, SIZES, Prompts, channels
 from ._strip import Strip, strip_input
 
 POINTS = 16
 """Number of points that the first network returns, evenly from base to tip."""
 STRIDE = 4
 """Px of the network's image to one cell of its heat maps."""
-OUTSIDE, HIDDEN, SEEN = 0, 1, 2
-"""States of a point."""
+OUTSIDE = 0
+"""State of a point outside the image; the others are hidden and seen."""
 OTHER_BASE_CELLS = 4
 """Another base is at least this number of cells away."""
 _MULTIPLE_PX = 32
@@ -31,7 +31,7 @@ class RoughPoints(NamedTuple):
     Attributes:
         points: (`POINTS`, 2) u, v in px of the network's image, base to tip.
         mass: (`POINTS`,) probability that the point is within a cell of its peak.
-        states: (`POINTS`, 3) probabilities of `OUTSIDE`, `HIDDEN` and `SEEN`.
+        states: (`POINTS`, 3) probabilities of outside the image, hidden and seen.
         present: probability that a catheter is in the image.
         other_base: (2,) u, v of the second most probable base in px of the network's image.
         other_mass: its probability.
@@ -86,10 +86,12 @@ def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, path: Path | No
     rows, columns = image.shape[:2]
     bottom, right = -rows % _MULTIPLE_PX, -columns % _MULTIPLE_PX
     padded = cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_REPLICATE)
-    values = np.zeros((1, 3 + 7, *padded.shape[:2]), np.float32)
+    values = np.zeros((1, 3 + CHANNELS, *padded.shape[:2]), np.float32)
     values[0, :3] = (padded.transpose(2, 0, 1).astype(np.float32) - 127.0) / 128.0
-    values[0, 3:, :rows, :columns] = channels(prompts, rows, columns)
-    values[0, 6:] = values[0, 6:, :1, :1]
+    planes = channels(prompts, rows, columns)
+    values[0, 3:, :rows, :columns] = planes
+    sizes = 3 + SIZES[0]
+    values[0, sizes:] = planes[SIZES[0] :, :1, :1]  # a size is stated beyond the image's border, too
     heat, states, present = _graph(path, "locator.int8", path.stat().st_mtime_ns if path else 0).run(
         None, {"image": values}
     )

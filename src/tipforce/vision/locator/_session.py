@@ -16,7 +16,8 @@ import numpy as np
 from ...errors import InputError
 from ...geometry import arc_length
 from ...types import Box, FloatArray, Image
-from ._locate import Located, as_colour, locate, read_points, rough_line
+from .._clamp import INWARD
+from ._locate import GUESSED_ASPECT, Located, as_colour, locate, read_points, rough_line, sureness
 from ._prompts import Prompts
 from ._reading import Known
 from ._strip import ACROSS, HALF_WIDTH, straightened
@@ -28,8 +29,6 @@ MAX_BASE_DIAMETERS, MAX_BASE_PX = 2.5, 5.0
 """Lines that begin within this distance begin at the same base."""
 RIVAL_SHARE, MIN_RIVAL_IMAGES = 0.25, 2
 """Another base in this share of the images of the first, and in this number of images, may be the catheter's."""
-INWARD_RAD = {"left": 0.0, "top": 0.5 * math.pi, "right": math.pi, "bottom": -0.5 * math.pi}
-"""Direction from each border into the image, from u toward v."""
 MIN_INWARD_COSINE = 0.0
 """A catheter that comes from a stated border begins in a direction away from it."""
 RIVAL_SCORE_SHARE = 0.8
@@ -67,7 +66,7 @@ class SessionConstants:
         length_std_px: its standard deviation in one image: in a projection it changes from image to image.
         diameter_px: diameter of the shaft.
         darker: whether the shaft is darker than the ground beside it.
-        lines: the line in each image; None where there is none.
+        lines: the line in each image; None where no line was found.
     """
 
     base_px: FloatArray
@@ -129,7 +128,6 @@ def session_constants(
             f"the object found is {length:.0f} px long, the stated length is {prompts.length_px:.0f} px: correct the "
             "catheter's length or the scale"
         )
-    headings = [_heading(line) for line in kept]
     if moves and stands_still(np.array([line.points for line in kept]), frames):
         end = kept[0].points[-1]
         raise InputError(
@@ -137,7 +135,7 @@ def session_constants(
             "change: a post or an edge does so"
         )
     return SessionConstants(
-        base, in_view, _median_angle(headings),
+        base, in_view, _median_angle([line.heading_rad for line in kept]),
         length, error, sized.diameter_px, 2 * sum(line.darker for line in kept) > len(kept), tuple(lines),
     )  # fmt: skip
 
@@ -159,14 +157,14 @@ def _nothing(lines: Sequence[Located | None], count: int) -> str:
 
 def _measured_size(frames: Sequence[Image], prompts: Prompts, network: Path | None) -> dict[str, float]:
     """Returns the length and the diameter, px, that are not stated, from the surest half of the images."""
-    reads = [(read_points(as_colour(frame), prompts, network), as_colour(frame)) for frame in frames]
-    reads.sort(key=lambda pair: -float(pair[0].mass.mean()) * pair[0].present)
+    reads = [(read_points(as_colour(frame), prompts, network), frame) for frame in frames]
+    reads.sort(key=lambda pair: -sureness(pair[0]))
     surest = [(rough_line(read), frame) for read, frame in reads[: (len(reads) + 1) // 2]]
-    lengths = [float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line, _ in surest]
+    lengths = [float(arc_length(line)[-1]) for line, _ in surest]
     length = prompts.length_px or max(statistics.median(lengths), 4.0)
     diameter = prompts.diameter_px
     if diameter is None:
-        diameter = max(length / 16.0, 2.0)
+        diameter = max(length / GUESSED_ASPECT, 2.0)
         for _ in range(3):
             diameter = measured_diameter([frame for _, frame in surest], [line for line, _ in surest], diameter)
     return {"length_px": length, "diameter_px": diameter}
@@ -194,12 +192,12 @@ def _chosen(
 
     Raises InputError where two objects are as likely.
     """
-    inward = None if prompts.border is None else INWARD_RAD[prompts.border]
+    inward = None if prompts.border is None else _inward_rad(prompts.border)
     kept = [
         [each for each in lines if each is not None and (inward is None or _points_inward(each, inward))]
         for lines in tried
     ]
-    scores = [sum(map(_sureness, lines)) for lines in kept]
+    scores = [sum(line.sureness for line in lines) for lines in kept]
     best = int(np.argmax(scores))
     assert prompts.diameter_px is not None
     for rival, (base, score) in enumerate(zip(bases, scores, strict=True)):
@@ -217,8 +215,14 @@ def _chosen(
     return best
 
 
+def _inward_rad(border: str) -> float:
+    """Returns the direction from a border into the image, from u toward v."""
+    along_u, along_v = INWARD[border]
+    return math.atan2(along_v, along_u)
+
+
 def _points_inward(line: Located, inward_rad: float) -> bool:
-    return math.cos(_heading(line) - inward_rad) > MIN_INWARD_COSINE
+    return math.cos(line.heading_rad - inward_rad) > MIN_INWARD_COSINE
 
 
 def _same_shaft(one: FloatArray, other: FloatArray, diameter_px: float) -> bool:
@@ -233,20 +237,16 @@ def _length_off(lines: Sequence[Located], stated: Known | None) -> float:
     return -length if stated is None else abs(length - stated.length_px)
 
 
-def _sureness(line: Located) -> float:
-    return line.mass * line.present / (1.0 + math.exp(-line.right))
-
-
 def _likely_bases(found: Sequence[Located], diameter_px: float, border: str | None) -> list[FloatArray]:
     """Returns the base (2,) where most lines begin, and a second one where enough of them begin elsewhere.
 
     Lines that point toward the stated ``border`` do not count, unless all do.
     """
     if border is not None:
-        inward = INWARD_RAD[border]
+        inward = _inward_rad(border)
         found = [line for line in found if _points_inward(line, inward)] or found
     begins = np.array([line.points[0] for line in found] + [line.other_base_px for line in found])
-    weight = np.array([_sureness(line) for line in found] + [line.other_base_mass for line in found])
+    weight = np.array([line.sureness for line in found] + [line.other_base_mass for line in found])
     limit = max(MAX_BASE_DIAMETERS * diameter_px, MAX_BASE_PX)
     near = np.linalg.norm(begins[:, None] - begins, axis=2) < limit
     votes = near @ weight
@@ -289,11 +289,6 @@ def _length(lines: Sequence[Located], base_px: FloatArray, stated: Known | None)
         return middle, math.hypot(error, scatter)
     length = (own * middle + other * stated.length_px) / (own + other)
     return length, math.hypot((own + other) ** -0.5, scatter)
-
-
-def _heading(line: Located) -> float:
-    way = -3.0 * line.points[0] + 4.0 * line.points[2] - line.points[4]
-    return math.atan2(way[1], way[0])
 
 
 def stands_still(lines: FloatArray, frames: Sequence[Image]) -> bool:
