@@ -48,7 +48,7 @@ def draw(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
         return _xray(rng, drawer, size)
     light = ground(rng, size, size)
     canvas = SceneCanvas.empty(light)
-    lights = _lights(rng)
+    lights = random_lights(rng)
     length = math.exp(rng.uniform(math.log(0.24), math.log(0.72))) * size
     diameter = length / math.exp(rng.uniform(math.log(5.5), math.log(42.0)))
     diameter = max(diameter, 2.2)
@@ -63,7 +63,7 @@ def draw(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
             decoys.append(_body(rng, size, *like, like=body)[0])
     face = None
     if rng.random() < 0.6:
-        face = _Face(rng, body.line, diameter, size)
+        face = Face(rng, body.line, diameter, size)
         face.behind(canvas)
     after = int(rng.integers(len(decoys) + 1))
     for decoy in decoys[:after]:
@@ -100,7 +100,7 @@ def states(line: Float, own: Float32, present: bool) -> npt.NDArray[np.uint8]:
     return np.where(inside, np.where(seen, SEEN, HIDDEN), OUTSIDE).astype(np.uint8)
 
 
-def _lights(rng: np.random.Generator) -> Lights:
+def random_lights(rng: np.random.Generator) -> Lights:
     directions = rng.normal(size=(2, 3)) * (1.0, 1.0, 0.6)
     directions[:, 2] = np.abs(directions[:, 2]) + 0.25
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -144,7 +144,7 @@ def _catheter_surface(rng: np.random.Generator, aspect: float) -> Surface:
     )  # fmt: skip
 
 
-def _plain_surface(rng: np.random.Generator, tint: Float32 | None = None, *, blunt: bool = True) -> Surface:
+def plain_surface(rng: np.random.Generator, tint: Float32 | None = None, *, blunt: bool = True) -> Surface:
     tint = colour(rng) if tint is None else tint
     look = np.repeat(np.asarray(tint, np.float32)[None], STATIONS, axis=0)
     if rng.random() < 0.2:
@@ -161,7 +161,7 @@ def _body(
 ) -> tuple[_Body, int]:  # fmt: skip
     """Returns a catheter in the image, with the object that it comes out of; and the border that it comes from."""
     shape = curve(rng, length)
-    line, side = _placed(rng, shape, size, from_border=rng.random() < 0.2)
+    line, side = placed(rng, shape, size, from_border=rng.random() < 0.2)
     root_way = line[0] - line[1]
     back = math.atan2(root_way[1], root_way[0])
     taper = rng.uniform(0.75, 1.05) if rng.random() < 0.25 else 1.0
@@ -175,7 +175,7 @@ def _body(
     return _Body(line, radius, surface, root, sheath), side
 
 
-def _placed(rng: np.random.Generator, shape: Float, size: int, *, from_border: bool) -> tuple[Float, int]:
+def placed(rng: np.random.Generator, shape: Float, size: int, *, from_border: bool) -> tuple[Float, int]:
     """Turns and moves ``shape`` (n, 2) into the image; with ``from_border`` its base is on a border."""
     for _ in range(8):
         if from_border:
@@ -217,23 +217,23 @@ def _sheath(
             start = mouth + 0.5 * wide * np.array([math.cos(back), math.sin(back)])
             start = start + sign * rng.uniform(0.2, 0.8) * wide * np.array([-math.sin(back), math.cos(back)])
             axis = lead(rng, start, back + sign * rng.uniform(0.1, 0.9), 0.8 * size, 0.4)
-            tubes.append((axis, 0.5 * wide, _plain_surface(rng, skin, blunt=False)))
+            tubes.append((axis, 0.5 * wide, plain_surface(rng, skin, blunt=False)))
         return tuple(tubes), -1
     wide = diameter * math.exp(rng.uniform(math.log(1.12), math.log(4.2)))
     if kind == "block":
         axis = lead(rng, mouth, back, diameter * rng.uniform(0.6, 6.0), 0.0)
         wide = diameter * rng.uniform(2.0, 9.0)
-        return ((axis, 0.5 * wide, _plain_surface(rng, tint)),), -1
+        return ((axis, 0.5 * wide, plain_surface(rng, tint)),), -1
     reach = 1.6 * size if rng.random() < 0.8 else rng.uniform(2.0, 8.0) * wide
     axis = lead(rng, mouth, back, reach, rng.choice([0.02, 0.15, 0.4]))
-    tubes = [(axis, 0.5 * wide, _plain_surface(rng, tint))]
+    tubes = [(axis, 0.5 * wide, plain_surface(rng, tint))]
     way = np.array([math.cos(back), math.sin(back)])
     if rng.random() < 0.5:  # bands, couplings, a stopper at or before the mouth
         at = 0.0
         for _ in range(int(rng.integers(1, 4))):
             long, thick = wide * rng.uniform(0.25, 1.6), wide * rng.uniform(0.9, 1.5)
             same = rng.random() < 0.35
-            part = _plain_surface(rng, tint * np.float32(rng.uniform(0.8, 1.25)) if same else None)
+            part = plain_surface(rng, tint * np.float32(rng.uniform(0.8, 1.25)) if same else None)
             start = mouth + at * way
             tubes.append((np.linspace(start, start + long * way, 6), 0.5 * thick, part))
             at += long * rng.uniform(0.8, 2.0)
@@ -248,7 +248,7 @@ def _sheath(
             rear = rear / np.linalg.norm(rear)
             start = axis[-1] - 2.0 * rear
             handle = np.linspace(start, start + rng.uniform(1.0, 5.0) * wide * rear, 6)
-            tubes.append((handle, wide * rng.uniform(0.6, 1.6), _plain_surface(rng)))
+            tubes.append((handle, wide * rng.uniform(0.6, 1.6), plain_surface(rng)))
     return tuple(tubes), side
 
 
@@ -261,7 +261,7 @@ def _draw_body(
         fall = rng.normal(0.0, 0.04 * size, 2)
         parts = [(part[0], 2.0 * part[1]) for part in body.sheath]
         parts += [(body.line, 2.0 * float(body.radius.mean()))] if with_catheter else []
-        _shadow(rng, canvas, parts, fall)
+        shadow(rng, canvas, parts, fall)
     if with_catheter:
         own = kind == CATHETER
         joined = np.vstack([body.hidden_root[:0:-1], body.line])
@@ -282,7 +282,7 @@ def _extended(surface: Surface, before: int, count: int) -> Surface:
     )  # fmt: skip
 
 
-def _shadow(rng: np.random.Generator, canvas: SceneCanvas, parts: list[tuple[Float, float]], fall: Float) -> None:
+def shadow(rng: np.random.Generator, canvas: SceneCanvas, parts: list[tuple[Float, float]], fall: Float) -> None:
     h, w = canvas.kind.shape
     mask = np.zeros((h // 2, w // 2), np.uint8)
     for axis, wide in parts:
@@ -292,7 +292,7 @@ def _shadow(rng: np.random.Generator, canvas: SceneCanvas, parts: list[tuple[Flo
     canvas.light *= (1.0 - rng.uniform(0.1, 0.7) * cv2.resize(soft, (w, h)))[..., None]
 
 
-class _Face:
+class Face:
     """Tissue that the tip meets: a region with a curved face; a rim of it may hide the tip."""
 
     def __init__(self, rng: np.random.Generator, line: Float, diameter: float, size: int) -> None:
@@ -358,19 +358,19 @@ def _distractors(
         if kind < 0.45:  # a cable or wire right through the image
             axis = lead(rng, start - 0.3 * toward, turn, 2.2 * size, rng.uniform(0.0, 1.6))
             wide = diameter * rng.uniform(0.2, 1.8)
-            drawer.tube(canvas, axis, 0.5 * max(wide, 1.0), _plain_surface(rng), lights, INSTRUMENT)
+            drawer.tube(canvas, axis, 0.5 * max(wide, 1.0), plain_surface(rng), lights, INSTRUMENT)
         elif kind < 0.7:  # a post, rail or bar
             axis = lead(rng, start, turn, size * rng.uniform(0.2, 2.0), 0.0)
             wide = diameter * rng.uniform(1.5, 8.0) if behind else diameter * rng.uniform(0.4, 2.0)
-            drawer.tube(canvas, axis, 0.5 * wide, _plain_surface(rng), lights, FRONT if not behind else GROUND)
+            drawer.tube(canvas, axis, 0.5 * wide, plain_surface(rng), lights, FRONT if not behind else GROUND)
         elif kind < 0.85:  # a loop of cable
             axis = curve(rng, size * rng.uniform(0.5, 2.0)) + start
-            surface = _plain_surface(rng, blunt=False)
+            surface = plain_surface(rng, blunt=False)
             drawer.tube(canvas, axis, 0.5 * diameter * rng.uniform(0.3, 1.5), surface, lights, INSTRUMENT)
         else:  # an empty tube that ends in the image
             axis = lead(rng, start, turn, size * rng.uniform(0.2, 0.8), 0.1)
             wide = diameter * rng.uniform(1.3, 3.0)
-            drawer.tube(canvas, axis, 0.5 * wide, _plain_surface(rng), lights, INSTRUMENT)
+            drawer.tube(canvas, axis, 0.5 * wide, plain_surface(rng), lights, INSTRUMENT)
 
 
 def _patch(rng: np.random.Generator, canvas: SceneCanvas, line: Float, size: int) -> None:
@@ -386,8 +386,8 @@ def _patch(rng: np.random.Generator, canvas: SceneCanvas, line: Float, size: int
     canvas.kind[cover > 0.5] = FRONT
 
 
-def _xray(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
-    """A catheter in an X-ray image: attenuation multiplies, nothing hides, electrodes are dark."""
+def xray_ground(rng: np.random.Generator, size: int) -> SceneCanvas:
+    """An X-ray image with soft tissue only; its light is the transmitted share."""
     light = (
         np.ones((size, size, 1), np.float32)
         * np.exp(rng.uniform(0.1, 0.5) * clouds(rng, size, size, int(rng.integers(2, 6))))[..., None]
@@ -396,48 +396,37 @@ def _xray(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
         photo = photographs()[rng.integers(len(photographs()))]
         soft = cv2.GaussianBlur(cv2.resize(photo, (size, size)), (0, 0), rng.uniform(3.0, 12.0))
         light *= np.exp(rng.uniform(0.3, 0.9) * (soft[..., 1:2].astype(np.float32) / 255.0 - 0.5))
-    light = np.repeat(light, 3, axis=2)
-    canvas, lights = SceneCanvas.empty(np.ascontiguousarray(light)), _lights(rng)
-    length = math.exp(rng.uniform(math.log(0.24), math.log(0.72))) * size
-    diameter = max(length / math.exp(rng.uniform(math.log(10.0), math.log(42.0))), 2.2)
-    present = rng.random() > 0.07
+    return SceneCanvas.empty(np.ascontiguousarray(np.repeat(light, 3, axis=2)))
 
-    def absorbing(strength: float, rings: int, tip: float) -> Surface:
-        s = np.linspace(0.0, 1.0, STATIONS)
-        mu = np.full(STATIONS, strength)
-        at, aspect = 1.0 - tip, diameter / length
-        mu[s > at] = strength + rng.uniform(0.5, 2.5)
-        for _ in range(rings):
-            at -= rng.uniform(0.8, 3.0) * aspect
-            wide = rng.uniform(0.4, 1.5) * aspect
-            mu[(s < at) & (s > at - wide)] = strength + rng.uniform(0.5, 2.5)
-            at -= wide
-        none = np.zeros(STATIONS, np.float32)
-        return Surface(np.zeros((STATIONS, 3), np.float32), none, attenuation=mu.astype(np.float32))
 
-    for _ in range(int(rng.integers(0, 6))):  # ribs, spine, vessels
-        axis = lead(rng, rng.uniform(-0.2, 1.2, 2) * size, rng.uniform(0.0, 6.28), 1.6 * size, 0.8)
-        drawer.tube(canvas, axis, size * rng.uniform(0.01, 0.09), absorbing(rng.uniform(0.05, 0.35), 0, 0.0), lights, 0)
-    for _ in range(int(rng.integers(0, 3))):  # wires and other instruments
-        axis = lead(rng, rng.uniform(-0.2, 1.2, 2) * size, rng.uniform(0.0, 6.28), 1.8 * size, 1.2)
-        surface = absorbing(rng.uniform(0.1, 1.0), 0, 0.0)
-        drawer.tube(canvas, axis, max(0.5 * diameter * rng.uniform(0.2, 1.0), 0.6), surface, lights, INSTRUMENT)
-    line, side = _placed(rng, curve(rng, length), size, from_border=rng.random() < 0.3)
-    if present:
-        shaft = rng.uniform(0.12, 0.9)
-        surface = absorbing(shaft, int(rng.integers(0, 7)), rng.uniform(1.0, 4.0) * diameter / length)
-        way = line[0] - line[1]
-        root = lead(rng, line[0], math.atan2(way[1], way[0]), 1.6 * size, 0.4)
-        if not (line[0] < 1.0).any() and not (line[0] > size - 2.0).any():
-            outside = ((root < 0.0) | (root > size - 1.0)).any(axis=1)
-            end = root[int(outside.argmax())] if outside.any() else root[-1]
-            side = int(np.argmin([end[0], size - 1 - end[0], end[1], size - 1 - end[1]])) if outside.any() else -1
-            wide = 0.5 * diameter * rng.uniform(1.15, 2.0)
-            drawer.tube(canvas, root, wide, absorbing(rng.uniform(0.15, 0.9), 0, 0.0), lights, SHEATH)
-        else:
-            inner = absorbing(shaft, 0, 0.0)
-            drawer.tube(canvas, root, 0.5 * diameter, inner, lights, SHEATH)
-        drawer.tube(canvas, line, 0.5 * diameter, surface, lights, CATHETER, is_catheter=True)
+def absorbing(
+    rng: np.random.Generator, strength: float, rings: int = 0, tip: float = 0.0, aspect: float = 0.0
+) -> Surface:
+    """The attenuation of a tube in an X-ray image.
+
+    Args:
+        rng: source of randomness.
+        strength: attenuation along a diameter.
+        rings: number of ring electrodes.
+        tip: length of the tip electrode, a share of the tube's.
+        aspect: diameter of the tube, a share of its length.
+    """
+    s = np.linspace(0.0, 1.0, STATIONS)
+    mu = np.full(STATIONS, strength)
+    at = 1.0 - tip
+    mu[s > at] = strength + rng.uniform(0.5, 2.5)
+    for _ in range(rings):
+        at -= rng.uniform(0.8, 3.0) * aspect
+        wide = rng.uniform(0.4, 1.5) * aspect
+        mu[(s < at) & (s > at - wide)] = strength + rng.uniform(0.5, 2.5)
+        at -= wide
+    none = np.zeros(STATIONS, np.float32)
+    return Surface(np.zeros((STATIONS, 3), np.float32), none, attenuation=mu.astype(np.float32))
+
+
+def xray_image(rng: np.random.Generator, canvas: SceneCanvas) -> npt.NDArray[np.uint8]:
+    """The image (h, w, 3) that an X-ray detector makes of ``canvas``."""
+    size = canvas.kind.shape[0]
     level = canvas.light / max(float(np.quantile(canvas.light[::8, ::8], 0.9)), 1e-3)
     image = 255.0 * np.clip(level * rng.uniform(0.5, 0.95), 0.0, 1.2) ** np.float32(rng.uniform(0.6, 1.3))
     image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.6))
@@ -450,5 +439,37 @@ def _xray(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
         noisy = np.where((np.hypot(u - middle[0], v - middle[1]) < reach)[..., None], noisy, noisy * 0.1)
     if rng.random() < 0.1:
         noisy = 255.0 - noisy
-    image = camera_image(np.asarray(noisy, np.float32), rng)
+    return camera_image(np.asarray(noisy, np.float32), rng)
+
+
+def _xray(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
+    """A catheter in an X-ray image: attenuation multiplies, nothing hides, electrodes are dark."""
+    canvas, lights = xray_ground(rng, size), random_lights(rng)
+    length = math.exp(rng.uniform(math.log(0.24), math.log(0.72))) * size
+    diameter = max(length / math.exp(rng.uniform(math.log(10.0), math.log(42.0))), 2.2)
+    present = rng.random() > 0.07
+    for _ in range(int(rng.integers(0, 6))):  # ribs, spine, vessels
+        axis = lead(rng, rng.uniform(-0.2, 1.2, 2) * size, rng.uniform(0.0, 6.28), 1.6 * size, 0.8)
+        drawer.tube(canvas, axis, size * rng.uniform(0.01, 0.09), absorbing(rng, rng.uniform(0.05, 0.35)), lights, 0)
+    for _ in range(int(rng.integers(0, 3))):  # wires and other instruments
+        axis = lead(rng, rng.uniform(-0.2, 1.2, 2) * size, rng.uniform(0.0, 6.28), 1.8 * size, 1.2)
+        surface = absorbing(rng, rng.uniform(0.1, 1.0))
+        drawer.tube(canvas, axis, max(0.5 * diameter * rng.uniform(0.2, 1.0), 0.6), surface, lights, INSTRUMENT)
+    line, side = placed(rng, curve(rng, length), size, from_border=rng.random() < 0.3)
+    if present:
+        shaft = rng.uniform(0.12, 0.9)
+        rings, tip = int(rng.integers(0, 7)), rng.uniform(1.0, 4.0) * diameter / length
+        surface = absorbing(rng, shaft, rings, tip, diameter / length)
+        way = line[0] - line[1]
+        root = lead(rng, line[0], math.atan2(way[1], way[0]), 1.6 * size, 0.4)
+        if not (line[0] < 1.0).any() and not (line[0] > size - 2.0).any():
+            outside = ((root < 0.0) | (root > size - 1.0)).any(axis=1)
+            end = root[int(outside.argmax())] if outside.any() else root[-1]
+            side = int(np.argmin([end[0], size - 1 - end[0], end[1], size - 1 - end[1]])) if outside.any() else -1
+            wide = 0.5 * diameter * rng.uniform(1.15, 2.0)
+            drawer.tube(canvas, root, wide, absorbing(rng, rng.uniform(0.15, 0.9)), lights, SHEATH)
+        else:
+            drawer.tube(canvas, root, 0.5 * diameter, absorbing(rng, shaft), lights, SHEATH)
+        drawer.tube(canvas, line, 0.5 * diameter, surface, lights, CATHETER, is_catheter=True)
+    image = xray_image(rng, canvas)
     return Scene(image, line, states(line, canvas.own, present), canvas.kind, present, (), side, diameter)
