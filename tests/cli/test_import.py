@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
+from tipforce.datasets import open_dataset
 from tipforce.errors import InputError, TipforceError
 from tipforce.io import RecordingReader, write_video
 from tipforce.types import Catheter, Frame, ViewInfo
@@ -87,6 +88,23 @@ def test_recordings_become_a_dataset_folder(files: Path) -> None:
     run("import", files / "a.mcap", "-o", files / "NEW.mcap", "--offset-ms", 5)
     with pytest.raises(InputError, match="was imported; import its files again with the tare"):
         run("import", files / "a.mcap", "-o", files / "other.mcap", "--tare", "0:1")
+
+
+def test_a_published_set_becomes_a_dataset_folder_with_the_stated_metadata(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    folder = tmp_path / "published" / "pulled"
+    folder.mkdir(parents=True)
+    for name, values in (("input_test", np.zeros((4, 3, 64, 64))), ("target_test", np.ones((4, 3, 1, 1)))):
+        with h5py.File(folder / f"{name}.mat", "w") as file:
+            file[name] = values
+    with pytest.raises(InputError, match=r"becomes a dataset folder; .* without \.mcap: -o \S+/set$"):
+        run("import", folder.parent, "-o", tmp_path / "set.mcap")
+    with pytest.raises(InputError, match="labelled already; leave out --offset-ms"):
+        run("import", folder.parent, "-o", tmp_path / "set", "--tare", "none")
+    run("import", folder.parent, "-o", tmp_path / "set", "--fact", "catheter.diameter_m=0.012")
+    data = open_dataset(tmp_path / "set")
+    assert (len(data), data.sessions, data.session_info["pulled"].catheter.diameter_m) == (4, ("pulled",), 0.012)
+    assert list(next(data.observations()).views) == ["a", "b"]
 
 
 def test_logs_beside_one_of_a_stated_kind_are_told_apart_as_bench_toml_describes_them(files: Path) -> None:

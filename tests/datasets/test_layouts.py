@@ -78,6 +78,57 @@ def test_soft_arm_images_are_turned_upright(tmp_path: Path) -> None:
         open_dataset(tmp_path)
 
 
+def write_two_view_set(folder: Path, samples: int = 3) -> dict[str, np.ndarray]:
+    """Writes a set as the source does; returns the arrays of its files."""
+    h5py = pytest.importorskip("h5py")
+    folder.mkdir(parents=True)
+    images = np.zeros((samples, 3, 64, 64))
+    images[:, 0, 2, 60] = 1.0  # column 2, row 60 as MATLAB stores it
+    images[:, 2, 30, 10] = 0.5
+    pressures = np.linspace(0.1, 0.6, 6) + 0.01 * np.arange(samples)[:, None]
+    images[:, 1] = np.tile(np.pad(pressures, ((0, 0), (0, 2))), 8)[:, None]
+    arrays = {"input_test": images, "target_test": np.arange(3.0 * samples).reshape(samples, 3, 1, 1)}
+    for name, values in arrays.items():
+        with h5py.File(folder / f"{name}.mat", "w") as file:
+            file[name] = values
+    return arrays
+
+
+def test_sets_with_two_views_become_sessions_with_both_views_and_the_chamber_pressures(tmp_path: Path) -> None:
+    for name in ("pushed", "pulled"):
+        write_two_view_set(tmp_path / name)
+    data = open_dataset(tmp_path)
+    assert data.sessions == ("pulled", "pushed")
+    first = next(data.observations())
+    assert {name: np.argwhere(image).tolist() for name, image in first.views.items()} == {
+        "a": [[60, 2]],
+        "b": [[10, 30]],
+    }
+    assert np.allclose(data.actuation["chamber6_percent"], [60.0, 61.0, 62.0] * 2)
+    assert data.force_n[4].tolist() == [3.0, 4.0, 5.0]
+    info = data.session_info["pulled"]
+    assert (info.force_frame, info.view("a").base_side, info.view("b").base_side) == ("sensor", "top", "top")
+    alone = open_dataset(tmp_path / "pushed")
+    assert (alone.sessions, len(alone)) == (("pushed",), 3)
+
+
+def test_a_wrong_set_with_two_views_names_its_file_and_sample(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    arrays = write_two_view_set(tmp_path / "pulled")
+    arrays["input_test"][1, 1, 5, 40] = 0.9
+    with h5py.File(tmp_path / "pulled" / "input_test.mat", "w") as file:
+        file["input_test"] = arrays["input_test"]
+    with pytest.raises(
+        FileFormatError, match=r"pulled/input_test\.mat: sample 1: expected the pressures .* as stripes"
+    ):
+        open_dataset(tmp_path)
+    arrays["input_test"][2, 0, 0, 0] = np.nan
+    with h5py.File(tmp_path / "pulled" / "input_test.mat", "w") as file:
+        file["input_test"] = arrays["input_test"]
+    with pytest.raises(FileFormatError, match=r"sample 2 of input_test holds a value that is no finite number"):
+        open_dataset(tmp_path)
+
+
 @needs_real
 def test_the_real_sessions_have_the_published_size_and_spread() -> None:
     data = open_dataset(REAL / "tendon-manipulator")
@@ -95,3 +146,18 @@ def test_the_real_images_come_with_three_components() -> None:
     assert len(data) == 641
     assert data.known.all()
     assert np.round(np.std(data.force_n, axis=0), 3).tolist() == [0.331, 0.304, 0.208]
+
+
+@needs_real
+def test_the_real_pairs_come_as_three_sessions_with_the_arm_at_the_top() -> None:
+    pytest.importorskip("h5py")
+    data = open_dataset(REAL / "soft-arm-two-views")
+    assert {name: int(np.sum(data.session == name)) for name in data.sessions} == {
+        "different-stuff-1": 132,
+        "different-stuff-2": 107,
+        "video-string": 389,
+    }
+    assert np.round(np.std(data.force_n, axis=0), 3).tolist() == [0.329, 0.316, 0.194]
+    for name in ("a", "b"):
+        images = np.array([observation.views[name] for observation in data.observations()], np.float64)
+        assert images[:, :10].mean() > 3.0 * images[:, -10:].mean(), "the bright clamp is at the top"

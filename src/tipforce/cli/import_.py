@@ -1,7 +1,8 @@
 """``tipforce import``."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -10,18 +11,21 @@ from ..types import SessionInfo
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, FactOption, KnobOption, offset_from, stated_info, tare_from
 
+if TYPE_CHECKING:
+    from ..datasets import Dataset
+
 
 def command(
     inputs: Annotated[
         list[Path],
         typer.Argument(
             help="A video, DICOM file or folder of images, then its logs: force, and stage and knob if there are any, "
-            "recognised by their columns; a ROS bag; recordings (.mcap), for a dataset; or a damaged one, to "
-            "recover it; or one, to state its clocks or its tare."
+            "recognised by their columns; a ROS bag; recordings (.mcap) or a published data set, for a dataset; or a "
+            "damaged recording, to recover it; or one, to state its clocks or its tare."
         ),
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="The recording (.mcap); a dataset folder for recordings.")
+        Path, typer.Option("-o", "--output", help="The recording (.mcap); a folder, where a dataset is made.")
     ],
     bench: BenchOption = None,
     fact: FactOption = None,
@@ -67,8 +71,11 @@ def command(
 
     Example: tipforce import runs/*.mcap -o dataset/
 
+    Example: tipforce import soft-arm-two-views/ -o dataset/
+
     Example: tipforce import damaged.mcap -o recovered.mcap
     """  # noqa: E501
+    from ..datasets import is_published_layout, open_dataset, open_recordings
     from ..io import is_bag
     from ..pipelines import describe_recording, import_session
 
@@ -83,7 +90,22 @@ def command(
                 f"{output}: the recordings of a dataset have their own clock maps and tares; state --offset-ms, --rate "
                 f"and --tare in a copy of a recording: tipforce import {inputs[0]} -o NEW.mcap --offset-ms MS"
             )
-        _dataset(inputs, output, overwrite=overwrite, json=json)
+        _dataset(open_recordings(inputs, output.name), output, overwrite=overwrite, json=json)
+        return
+    if len(inputs) == 1 and is_published_layout(inputs[0]):
+        if output.suffix == ".mcap":
+            raise InputError(
+                f"{inputs[0]}: is a published data set, which becomes a dataset folder; state its name without .mcap: "
+                f"-o {output.with_suffix('')}"
+            )
+        if offset_ms != "auto" or rate is not None or tare != "auto" or stage or knob or knob_deg is not None:
+            raise InputError(
+                f"{inputs[0]}: the samples of a published data set are labelled already; leave out --offset-ms, "
+                "--rate, --tare, --stage, --knob and --knob-deg"
+            )
+        dataset, stated = open_dataset(inputs[0]), stated_info(bench, fact, None)
+        infos = {name: info.updated(stated) for name, info in dataset.session_info.items()}
+        _dataset(replace(dataset, session_info=infos), output, overwrite=overwrite, json=json)
         return
     frames, *others = inputs
     stated = {kind: path for kind, path in (("stage", stage), ("knob", knob)) if path is not None}
@@ -146,11 +168,10 @@ def _copy(
     write_json({"recording": str(target), "recovered": lines[0], "remarks": lines[1:]}, json)
 
 
-def _dataset(inputs: list[Path], folder: Path, *, overwrite: bool, json: str | None) -> None:
-    from ..datasets import open_recordings, write_dataset
+def _dataset(dataset: "Dataset", folder: Path, *, overwrite: bool, json: str | None) -> None:
+    from ..datasets import write_dataset
 
     with progress_bar() as report:
-        dataset = open_recordings(inputs, folder.name)
         write_dataset(dataset, folder, overwrite=overwrite, progress=report)
     say(f"{folder}: {len(dataset)} labelled images of {len(dataset.sessions)} sessions")
     write_json({"folder": str(folder), "samples": len(dataset), "sessions": list(dataset.sessions)}, json)

@@ -6,7 +6,7 @@ from ._describe import dataset_at, describe_dataset, session_images
 from ._folder import write_dataset
 from ._growing import Growing, GrowingImages, GrowingShards, SessionSamples
 from ._join import every_nth, join, random_subset, without_sessions
-from ._open import open_dataset
+from ._open import is_published_layout, open_dataset
 from ._perturb import PERTURBATIONS, Blur, Disc, ImageOperation, Light, Noise, Perturbation, Warp, in_memory, perturbed
 from ._recordings import open_recordings
 from ._source import DatasetSource, file_names, open_source
@@ -55,6 +55,7 @@ __all__ = [
     "every_nth",
     "file_names",
     "in_memory",
+    "is_published_layout",
     "join",
     "open_dataset",
     "open_recordings",

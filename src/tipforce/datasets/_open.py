@@ -22,9 +22,12 @@ def holds_samples(path: Path) -> bool:
         return path.suffix.lower() in (SUFFIX, ".csv")
     if (path / METADATA).is_file():
         return bool(set(FORCES) & set(open_table(path / METADATA, comments=False).columns))
-    return path.is_dir() and (
-        any(path.glob(f"*{SUFFIX}")) or any(layout.recognises(path) for layout in LAYOUTS.values())
-    )
+    return path.is_dir() and (any(path.glob(f"*{SUFFIX}")) or is_published_layout(path))
+
+
+def is_published_layout(path: Path) -> bool:
+    """Returns whether ``path`` is a folder with the layout of a published data set."""
+    return path.is_dir() and any(layout.recognises(path) for layout in LAYOUTS.values())
 
 
 def open_dataset(path: str | Path) -> Dataset:

@@ -82,13 +82,17 @@ class ImageFiles(_RowByRow):
 
 
 @dataclass(frozen=True, eq=False)
-class ImageArray(_RowByRow):
-    """Images in memory: ``images`` (n, h, w) uint8."""
+class ImageArrays(_RowByRow):
+    """Images in memory.
 
-    images: Image
+    Attributes:
+        images: view -> (n, h, w) uint8.
+    """
+
+    images: Mapping[str, Image]
 
     def _views(self, row: int) -> Mapping[str, View]:
-        return {"camera": self.images[row]}
+        return {view: images[row] for view, images in self.images.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,6 +27,7 @@ LAYOUTS: Registry[Layout] = Registry(
     {
         "tendon-manipulator": "tipforce.datasets.layouts._tendon_manipulator",
         "soft-arm": "tipforce.datasets.layouts._soft_arm",
+        "soft-arm-two-views": "tipforce.datasets.layouts._soft_arm_two_views",
     },
 )
 """Name -> the layout."""

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..._system.extras import import_extra
-from ...errors import FileFormatError
-from ...types import Catheter, FloatArray, SessionInfo
+from ...types import Catheter, SessionInfo
 from .._dataset import Dataset
-from .._stores import ImageArray
+from .._stores import ImageArrays
+from ._matlab_arrays import read_array, upright_grey
 
 SESSION = "soft-arm"
 REMARKS = (
@@ -28,13 +27,12 @@ def recognises(folder: Path) -> bool:
 
 def open_layout(folder: Path) -> Dataset:
     """Returns all images as one session; raises MissingExtraError without h5py, FileFormatError for other contents."""
-    images = _read(folder / "images.mat", "input_test", (None, 1, 64, 64))
-    forces = _read(folder / "forces.mat", "target_test", (len(images), 3, 1, 1))
+    images = read_array(folder / "images.mat", "input_test", (None, 1, 64, 64))
+    forces = read_array(folder / "forces.mat", "target_test", (len(images), 3, 1, 1))
     count = len(images)
-    grey = np.rint(np.clip(images[:, 0].transpose(0, 2, 1), 0.0, 1.0) * 255.0).astype(np.uint8)
     stamps = np.arange(count, dtype=np.int64) * 1_000_000_000
     return Dataset(
-        store=ImageArray(stamps, {}, np.ascontiguousarray(grey)),
+        store=ImageArrays(stamps, {}, {"camera": upright_grey(images[:, 0])}),
         session=np.full(count, SESSION),
         stamp_ns=stamps,
         actuation={},
@@ -47,15 +45,3 @@ def open_layout(folder: Path) -> Dataset:
         rows=np.arange(count),
         title="soft-arm (images of 64x64, three force components)",
     )
-
-
-def _read(path: Path, key: str, shape: tuple[int | None, ...]) -> FloatArray:
-    h5py = import_extra("h5py", "real-data")
-    try:
-        with h5py.File(path, "r") as file:
-            values = np.asarray(file[key], dtype=np.float64)
-    except (OSError, KeyError) as error:
-        raise FileFormatError(f"{path}: expected a MATLAB 7.3 file with {key!r} ({error})") from None
-    if values.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, values.shape, strict=True)):
-        raise FileFormatError(f"{path}: {key} has the shape {values.shape}, expected {shape}")
-    return values
