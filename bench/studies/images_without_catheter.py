@@ -3,10 +3,10 @@
     python -m bench.studies.images_without_catheter [--out FOLDER] [--seed 61000] [--size 320] [--kinds NAME ...]
 
 21 kinds are drawn by code: 19 by `bench.locator.empty`, and the scenes of the presets `varied` and `fluoro` with their
-catheter moved out of the image. Of each kind there are 8 images, read in three ways: alone with nothing stated; alone
-with the side and the size of a catheter stated; and as a session of 8 images of this scene, in which the objects sway
-by some px, with nothing stated and with side and size stated. Writes to FOLDER a contact sheet, kinds.png, with the
-lines that were found drawn in them, and lines.json: each such line with the features of its probability.
+catheter moved out of the image. Of each kind there are 8 scenes. Their images are read alone, with nothing stated, and
+with the side and the size of a catheter stated. Two of the scenes are read as sessions of 8 images as well, in which
+the objects sway by some px. Writes to FOLDER a contact sheet, kinds.png, with the lines that were found drawn in them,
+and lines.json: each such line with the features of its probability.
 """
 
 import argparse
@@ -25,12 +25,12 @@ from bench.locator.tubes import Drawer
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.simulation.world import FAST
 from tipforce.types import Catheter, Image, SessionInfo, ViewInfo
-from tipforce.vision import ResolvedVision, SessionDetector, VisionSettings, contact_sheet, draw_shape
+from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, contact_sheet, draw_shape, session_vision
 from tipforce.vision._by_locator import LocatorDetector
 from tipforce.vision._line_probability import line_features, probability
 
-IMAGES, FRAMES = 8, 8
-"""Images of a kind, and images of a session."""
+SCENES, SESSIONS, FRAMES = 8, 2, 8
+"""Scenes of a kind, the number of these that are read as sessions too, and images of a session."""
 SIDES = ("left", "right", "top", "bottom")
 DIAMETER_M = 2.33e-3
 SWAY_SHARE = 0.02
@@ -46,7 +46,7 @@ WAYS = ("alone", "alone, stated", "session", "session, stated")
 def scenes(kind: str, seed: int, size: int) -> Iterator[tuple[list[Image], SessionInfo]]:
     """Yields the images of each session of a kind, with the metadata of a catheter that is not there."""
     index = [*empty.KINDS, *PRESET_KINDS].index(kind)
-    for number in range(IMAGES):
+    for number in range(SCENES):
         if kind in PRESET_KINDS:
             yield _preset_session(PRESET_KINDS[kind], seed, number)
             continue
@@ -85,9 +85,9 @@ def _preset_session(name: str, seed: int, number: int) -> tuple[list[Image], Ses
     return [bench.frame(k, view).image for k in rows], stated
 
 
-def _features(image: Image, vision: ResolvedVision | VisionSettings | None) -> dict[str, float]:
+def _features(image: Image, vision: ResolvedVision | None) -> dict[str, float]:
     """Returns the features and the probability of the locator's line; nothing where the locator was not used."""
-    if not isinstance(vision, ResolvedVision) or vision.locator is None:
+    if vision is None or vision.locator is None:
         return {}
     line = LocatorDetector(vision).locate(image)
     if line is None:
@@ -99,8 +99,10 @@ def _features(image: Image, vision: ResolvedVision | VisionSettings | None) -> d
     }
 
 
-def judge(frames: list[Image], stated: SessionInfo) -> tuple[Counter[str], list[dict[str, Any]], Image]:
-    """Reads one scene in all ways.
+def judge(
+    frames: list[Image], stated: SessionInfo, *, as_session: bool
+) -> tuple[Counter[str], list[dict[str, Any]], Image]:
+    """Reads one scene alone and, where wanted, as a session.
 
     Returns:
         The number of valid lines and of images of each way; the valid lines; a drawing of the first image.
@@ -109,24 +111,20 @@ def judge(frames: list[Image], stated: SessionInfo) -> tuple[Counter[str], list[
     count: Counter[str] = Counter()
     lines: list[dict[str, Any]] = []
     drawing = None
-    for way, info, images in (
-        ("alone", nothing, frames[:1]), ("alone, stated", stated, frames[:1]),
-        ("session", nothing, frames), ("session, stated", stated, frames),
-    ):  # fmt: skip
-        detector = SessionDetector(VisionSettings(), info, images)
+    tried = [("alone", nothing, frames[:1]), ("alone, stated", stated, frames[:1])]
+    tried += [("session", nothing, frames), ("session, stated", stated, frames)] if as_session else []
+    for way, info, images in tried:
+        detector = ShapeDetector(session_vision(VisionSettings(), images, info), info)
         for k, image in enumerate(images):
             shape = detector.detect(image)
             count[f"{way} of"] += 1
             if not shape.found:
                 continue
             count[way] += 1
-            vision = detector.vision
-            if not isinstance(vision, ResolvedVision):
-                vision = detector._detector.resolved
             assert shape.centreline is not None
             ends = shape.centreline.points[[0, -1]].round(1).tolist()
             found = {"name": stated.name, "way": way, "image": k, "ends": ends, "seen": shape.confidence}
-            lines.append(found | _features(image, vision))
+            lines.append(found | _features(image, detector.resolved))
             if drawing is None:
                 drawing = draw_shape(image, shape, legend=False)
     return count, lines, frames[0] if drawing is None else drawing
@@ -148,8 +146,8 @@ def main() -> None:
     print("valid of images: " + "; ".join(WAYS))
     for kind in options.kinds:
         count: Counter[str] = Counter()
-        for frames, stated in scenes(kind, options.seed, options.size):
-            own, found, drawing = judge(frames, stated)
+        for number, (frames, stated) in enumerate(scenes(kind, options.seed, options.size)):
+            own, found, drawing = judge(frames, stated, as_session=number < SESSIONS)
             count += own
             lines += [{"kind": kind, **each} for each in found]
             drawings.append(drawing)
@@ -164,7 +162,7 @@ def main() -> None:
     print("all: " + "; ".join(f"{total[way]} of {total[f'{way} of']}" for way in WAYS))
     print("kinds with a valid line: " + "; ".join(str(total[f"{way} kinds"]) for way in WAYS))
     if options.out is not None:
-        sheet = contact_sheet(drawings, IMAGES, titles, width=200)
+        sheet = contact_sheet(drawings, SCENES, titles, width=200)
         cv2.imwrite(str(options.out / "kinds.png"), sheet[..., ::-1])
 
 

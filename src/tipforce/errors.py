@@ -5,6 +5,7 @@
     TipforceError                one sentence: the fault and its place, the expected value, the next command
     ├── InputError               a file or value given by the user cannot be used
     │   ├── FileFormatError      a file is missing, empty, truncated or of another type than its name
+    │   ├── NoCatheterError      no catheter is found in images, or two objects could be it
     │   ├── TableError           a table lacks a column, or a cell is no number
     │   ├── TimeError            stamps are unsorted, repeated, or do not overlap
     │   ├── ModelError           a model folder is incomplete, altered, or newer than this program
@@ -23,6 +24,7 @@ __all__ = [
     "InputError",
     "MissingExtraError",
     "ModelError",
+    "NoCatheterError",
     "NotFittedError",
     "OutputError",
     "TableError",
@@ -71,6 +73,20 @@ class ZeroInContactError(InputError):
     def __init__(self, message: str, magnitude_n: float) -> None:
         super().__init__(message)
         self.magnitude_n = magnitude_n
+
+
+class NoCatheterError(InputError):
+    """No catheter is found in images, or two objects could be it.
+
+    Args:
+        reason: the reason.
+        remedy: the statement of the user that usually helps; "" where none is known.
+        several: whether two objects could be it.
+    """
+
+    def __init__(self, reason: str, remedy: str = "", *, several: bool = False) -> None:
+        super().__init__(f"{reason}: {remedy}" if remedy else reason)
+        self.reason, self.several = reason, several
 
 
 class DeviceError(TipforceError):

@@ -1,15 +1,19 @@
 """Looking through the images of a file: is the catheter found, and in how many frames."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
 
 from ..datasets import file_names
 from ..errors import InputError
 from ..io import RecordingReader, frame_count, images_beforehand, open_source, read_image
-from ..types import Frame, Image, SessionInfo, Source
+from ..types import DetectedShape, Frame, Image, SessionInfo, Source
 from ..vision import (
+    Candidate,
     ClassicDetector,
     Inspection,
     ResolvedVision,
@@ -17,13 +21,24 @@ from ..vision import (
     ShapeFeatureSettings,
     Tally,
     VisionSettings,
+    advise,
+    detector_kind,
+    draw_objects,
     figure_17,
     figure_18,
     inspect_image,
+    likely_objects,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+MIN_FOUND_SHARE = 0.5
+"""If the catheter is found in a smaller share of the images, the objects that could be it are drawn."""
+MIN_RIVAL_PROBABILITY = 0.3
+"""Another object with a larger probability could be the catheter too."""
+OBJECTS_WIDTH_PX = 960
+"""Width of the drawing of the objects above a contact sheet, at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,9 +87,11 @@ def inspect_image_file(
     resolved = detector.vision
     seen: Inspection = inspect_image(image, detector.detect, resolved, features)
     figures = {"file": str(path), **seen.figures(), "vision": resolved.model_dump()}
-    return InspectionResult(
+    result = InspectionResult(
         f"{_settings_line(resolved, vision)}\n{seen.text()}", figures, seen.drawing, image, resolved
     )
+    objects = _objects(detector, vision, [image], info or SessionInfo(), [seen.shape], path.parent)
+    return result if objects is None else objects.added_to(result, alone=True)
 
 
 def inspect_frames(
@@ -107,22 +124,28 @@ def inspect_frames(
     tally, first = Tally(room), None
     with open_source(path, stated=stated) as source:
         total, names = frame_count(source, vision.view), file_names(source, vision.view)
-        detector = SessionDetector(vision, source.session_info, images_beforehand(source, vision.view))
+        info, images = source.session_info, images_beforehand(source, vision.view)
+        detector = SessionDetector(vision, info, images)
         for count, frame in enumerate(_frames(source, vision.view)):
             first = frame if first is None else first
             if count % every == 0:
                 seconds, name = (frame.stamp_ns - first.stamp_ns) * 1e-9, names.get(frame.stamp_ns, "")
                 title = name or f"{count}  {seconds:.2f} s"
-                tally.add(title, inspect_image(frame.image, detector.detect, detector.vision, features), name)
+                seen = inspect_image(frame.image, detector.detect, detector.vision, features)
+                tally.add(title, seen, name)
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
         raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it{_views_in(path)}")
     resolved = detector.vision
     figures = {"file": str(path), "every": every, **tally.figures(), "vision": resolved.model_dump()}
-    return InspectionResult(
+    result = InspectionResult(
         f"{_settings_line(resolved, vision)}\n{tally.text()}", figures, tally.contact_sheet(), first.image, resolved
     )
+    images = images or [first.image]
+    shapes = [detector.detect(image) for image in images]
+    objects = _objects(detector, vision, images, info, shapes, path)
+    return result if objects is None else objects.added_to(result)
 
 
 def inspect_sessions(
@@ -167,6 +190,107 @@ def inspect_sessions(
     if first is None:
         raise InputError(f"{title}: there is no image of the view {vision.view!r} in it")
     return InspectionResult(tally.text(), tally.figures(), tally.contact_sheet(), first, resolved)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Objects:
+    """Numbered objects that could be the catheter.
+
+    Attributes:
+        candidates: the objects.
+        image: the image in which their lines are.
+        title: title of the drawing.
+        advice: the fact that would help most.
+        unnamed: the same as in the messages of the detection, which do not know the path of the images.
+    """
+
+    candidates: Sequence[Candidate]
+    image: Image
+    title: str
+    advice: str
+    unnamed: str
+
+    def added_to(self, result: InspectionResult, *, alone: bool = False) -> InspectionResult:
+        """Returns ``result`` with these objects; ``alone``: their drawing takes the place of the other."""
+        text = result.text.replace(self.unnamed, self.advice)
+        for number, each in enumerate(self.candidates, start=1):
+            u, v = each.points[0]
+            text += (
+                f"\nobject {number}   begins at ({u:.0f}, {v:.0f}), {each.length_px:.0f} px long, "
+                f"{each.diameter_px:.1f} px thick, the catheter with a probability of {each.probability:.0%}"
+            )
+        if self.advice not in text:
+            text += f"\nadvice     {self.advice}"
+        figures = {
+            **result.figures,
+            "objects": [
+                {
+                    "base_px": each.points[0].tolist(),
+                    "tip_px": each.points[-1].tolist(),
+                    "length_px": each.length_px,
+                    "diameter_px": each.diameter_px,
+                    "probability": each.probability,
+                    "base_region": list(each.region),
+                }
+                for each in self.candidates
+            ],
+            "advice": self.advice,
+        }
+        drawing = draw_objects(self.image, self.candidates, self.title, self.advice)
+        return replace(
+            result, text=text, figures=figures, drawing=drawing if alone else _above(drawing, result.drawing)
+        )
+
+
+def _objects(
+    detector: SessionDetector, vision: VisionSettings, images: Sequence[Image], info: SessionInfo,
+    shapes: Sequence[DetectedShape], path: Path,
+) -> _Objects | None:  # fmt: skip
+    """Returns the objects that could be the catheter, where it is not found or is not the only one; else None.
+
+    Args:
+        detector: the detector of the session.
+        vision: the settings of the user.
+        images: images of the session.
+        info: its metadata.
+        shapes: the shape in each of ``images``.
+        path: name of the images.
+    """
+    if not detector_kind(vision.method).by_session:
+        return None
+    if sum(shape.found for shape in shapes) < MIN_FOUND_SHARE * len(shapes):
+        advice = detector.advice or advise(vision, images, info)
+        return _Objects(
+            advice.candidates, advice.image, "NOT FOUND: objects that could be the catheter",
+            advice.text(str(path)), advice.text(),
+        )  # fmt: skip
+    image, shape = next((image, shape) for image, shape in zip(images, shapes, strict=True) if shape.found)
+    assert shape.centreline is not None
+    objects = likely_objects(vision, [image], info)
+    rivals = [
+        (number, each)
+        for number, each in enumerate(objects, start=1)
+        if each.probability > MIN_RIVAL_PROBABILITY and not each.is_on(shape.centreline.points)
+    ]
+    if not rivals:
+        return None
+    number, rival = rivals[0]
+    advice = (
+        f"another object could be the catheter: if it is object {number}, state "
+        f"views.{vision.view}.base_region = {list(rival.region)}"
+    )
+    return _Objects(objects, image, "TWO OBJECTS could be the catheter", advice, advice)
+
+
+def _above(drawing: Image, sheet: Image) -> Image:
+    """Returns ``drawing`` above the contact sheet ``sheet``, on its ground."""
+    fit = min(1.0, OBJECTS_WIDTH_PX / drawing.shape[1])
+    small = cv2.resize(drawing, None, fx=fit, fy=fit, interpolation=cv2.INTER_AREA)
+    width = max(small.shape[1] + 8, sheet.shape[1])
+    both = np.full((small.shape[0] + 4 + sheet.shape[0], width, 3), sheet[0, 0], np.uint8)
+    both[4 : 4 + small.shape[0], 4 : 4 + small.shape[1]] = small
+    both[4 + small.shape[0] :, : sheet.shape[1]] = sheet
+    return both
 
 
 def _views_in(path: Path) -> str:

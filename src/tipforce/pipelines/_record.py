@@ -31,7 +31,7 @@ from ..alignment import (
 from ..errors import InputError, TimeError, TipforceError
 from ..io import ClockMap, Fact, RecordingWriter, check_target
 from ..types import STAGE, Clock, Event, FloatArray, Frame, Image, IntArray, SensorInfo, SessionInfo, Source, Wrench
-from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate
+from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate, with_advice
 from ._summary import RecordingSummary, summarise_recording
 
 Analysis = Literal["afterwards", "along"]
@@ -489,11 +489,11 @@ class _RunDetector:
             return
         if self.view not in self._counts:
             self.view = next((frame.view for frame in head), self.view)
+        images = [frame.image for frame in head if frame.view == self.view][::_EVERY]
         try:
-            images = [frame.image for frame in head if frame.view == self.view]
-            self._detect = self._calibrated(images[::_EVERY])
+            self._detect = self._calibrated(images)
         except InputError as error:  # the recording is worth having without its clock map
-            self.blind = str(error)
+            self.blind = with_advice(error, self._settings, images, self._context, whole=False)
         for frame in head:
             self._look(frame)
 

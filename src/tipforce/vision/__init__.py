@@ -1,13 +1,14 @@
 """Detection of the catheter: image -> ordered centreline -> base frame -> shape features."""
 
 from ..types import DetectedShape
+from ._advice import Advice, Candidate, advise, likely_objects, with_advice
 from ._against_knob import bends_against_knob
 from ._annotation import Annotation
 from ._auto_calibrate import auto_calibrate, is_resolved
 from ._clamp import INWARD, image_from_clamp
 from ._classic import ClassicDetector, ClassicSteps
 from ._detector import DetectorKind, ShapeDetector, detector_kind
-from ._draw import contact_sheet, draw_estimate, draw_shape, shaft_mask
+from ._draw import contact_sheet, draw_estimate, draw_objects, draw_shape, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
 from ._session_calibration import SessionCalibration, SessionDetector, session_vision
@@ -18,8 +19,10 @@ from .tracer import Tracer
 
 __all__ = [
     "INWARD",
+    "Advice",
     "Annotation",
     "BaseSide",
+    "Candidate",
     "ClassicDetector",
     "ClassicSteps",
     "DetectedShape",
@@ -37,11 +40,13 @@ __all__ = [
     "Tally",
     "Tracer",
     "VisionSettings",
+    "advise",
     "auto_calibrate",
     "bends_against_knob",
     "contact_sheet",
     "detector_kind",
     "draw_estimate",
+    "draw_objects",
     "draw_shape",
     "feature_names",
     "figure_17",
@@ -51,7 +56,9 @@ __all__ = [
     "image_from_clamp",
     "inspect_image",
     "is_resolved",
+    "likely_objects",
     "session_vision",
     "shaft_mask",
     "shape_features",
+    "with_advice",
 ]

@@ -12,7 +12,7 @@ from itertools import islice
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, NoCatheterError
 from ..types import Box, DetectedShape, FloatArray, Image, SessionInfo, Status
 from ._by_locator import network_file, same_line, stated_prompts
 from ._clamp import INWARD
@@ -215,7 +215,8 @@ def auto_calibrate(
         The settings with all values, stated or found.
 
     Raises:
-        InputError: no frame shows a catheter, the detected object cannot be one, or two objects could be it.
+        NoCatheterError: no frame shows a catheter, the detected object cannot be one, or two objects could be it.
+        InputError: the tracer alone finds none, or the fine-tuned locator does not exist.
     """
     if is_resolved(settings) and (infos is None or settings.length_px is not None):
         first = infos if infos is None or isinstance(infos, SessionInfo) else next(iter(infos), None)
@@ -240,15 +241,17 @@ def _of_session(
 ) -> ResolvedVision:
     """Returns the settings for one session, with the constants that the locator finds in its images."""
     located = frames[:: -(-len(frames) // MAX_LOCATED_FRAMES)]
+    network = network_file(stated.detector)
     try:
         constants = session_constants(
             located,
             stated_prompts(stated, nominal_px(info, stated.view)),
             moves=whole and enough_images(frames),
-            network=network_file(stated.detector),
+            network=network,
         )
     except InputError as error:
-        raise InputError(f"{error}: {_remedy(stated)}") from error
+        several = isinstance(error, NoCatheterError) and error.several
+        raise NoCatheterError(str(error), _remedy(stated), several=several) from error
     way = _way(stated, constants, frames[0])
     found = ResolvedVision.stated(way).model_copy(
         update={"settings": settings, "diameter_px": round(constants.diameter_px, 3)}
@@ -263,14 +266,15 @@ def _of_session(
             raise error
     if settings.method == "tracer":
         if not agrees and enough_images(frames):
-            raise InputError(f"the tracer follows another object than the locator finds: {_remedy(stated)}")
+            raise NoCatheterError("the tracer follows another object than the locator finds", _remedy(stated))
         return _with_rejection(traced)
     likely = max((probability(line) for line in constants.lines if line is not None), default=0.0)
     if not agrees and likely < MIN_SESSION_PROBABILITY:
         begins = constants.base_px
-        raise InputError(
+        raise NoCatheterError(
             f"the object found, which begins at ({begins[0]:.0f}, {begins[1]:.0f}), is the catheter with a probability "
-            f"of {likely:.0%} at most: {_remedy(stated)}"
+            f"of {likely:.0%} at most",
+            _remedy(stated),
         )
     prior = LocatorPrior(
         session=info.name,
@@ -301,21 +305,21 @@ def _remedy(stated: VisionSettings) -> str:
 
 def _way(stated: VisionSettings, constants: SessionConstants, frame: Image) -> VisionSettings:
     """Returns ``stated`` with the side, the polarity and the base of the object that the locator found."""
-    side = stated.base_side if stated.base_side != "auto" else _side(constants.heading_rad)
+    side = stated.base_side if stated.base_side != "auto" else side_of(constants.heading_rad)
     polarity: Polarity = stated.polarity if stated.polarity != "auto" else "dark" if constants.darker else "light"
     box = stated.base_region
     if box is None:
-        box = _base_box(constants.base_px, side, constants.diameter_px, frame.shape[:2])
+        box = base_box(constants.base_px, side, constants.diameter_px, frame.shape[:2])
     return stated.model_copy(update={"base_side": side, "polarity": polarity, "base_region": box})
 
 
-def _side(heading_rad: float) -> BaseSide:
+def side_of(heading_rad: float) -> BaseSide:
     """Returns the side that a shaft with this direction at its base comes from; v points down."""
     sides: tuple[BaseSide, ...] = ("left", "top", "right", "bottom")
     return sides[round(heading_rad / (0.5 * math.pi)) % 4]
 
 
-def _base_box(base_px: FloatArray, side: BaseSide, diameter_px: float, size: tuple[int, int]) -> Box:
+def base_box(base_px: FloatArray, side: BaseSide, diameter_px: float, size: tuple[int, int]) -> Box:
     """Returns the base region just beyond ``base_px`` in an image of ``size`` (h, w)."""
     rows, columns = size
     base_px = np.clip(base_px, 0, (columns - 1, rows - 1))
@@ -357,7 +361,7 @@ def _shared(
         assert way.base_side != "auto"
         ways[way.base_side, way.polarity] += 1
     if not ways:
-        raise InputError(f"{reason}: {_remedy(stated)}")
+        raise NoCatheterError(str(reason), _remedy(stated))
     (side, polarity), _ = ways.most_common(1)[0]
     return _calibrated(
         settings, stated.model_copy(update={"base_side": side, "polarity": polarity}), frames, each, one=False

@@ -22,6 +22,8 @@ HIGHEST = 8192
 """But to no more rows than these: an image one pixel wide would become gigabytes."""
 SHIFT = 4
 """Bits of sub-pixel position that OpenCV is given."""
+MAX_BANNER_LINES = 3
+"""A longer reason in a red bar is cut off; the printed text holds all of it."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
@@ -139,15 +141,22 @@ class Canvas:
         v = min(max(v + 0.5 * height, height + 3.0), self.image.shape[0] - 8.0)
         self._put(text, (round(u), round(v)), colour, self.font)
 
-    def banner(self, title: str, detail: str) -> None:
+    def banner(self, title: str, detail: str, max_lines: int = MAX_BANNER_LINES) -> int:
         """Draws a red bar along the top that states a fault.
 
         Args:
             title: the fault.
             detail: its reason, broken into lines.
+            max_lines: largest number of these lines.
+
+        Returns:
+            Height of the bar in rows of the canvas.
         """
         big, small = 1.25 * self.font, self.font
-        rows = [(title, big)] + [(line, small) for line in self._broken(detail, small)]
+        lines = self._broken(detail, small)
+        if len(lines) > max_lines:
+            lines = [*lines[: max_lines - 1], lines[max_lines - 1].rsplit(" ", 1)[0] + " ..."]
+        rows = [(title, big)] + [(line, small) for line in lines]
         heights = [round(38 * size) for _, size in rows]
         bottom = min(self.image.shape[0], sum(heights) + round(14 * small))
         self._shade(0, bottom, ALARM, 0.88)
@@ -155,13 +164,17 @@ class Canvas:
         for (text, size), height in zip(rows, heights, strict=True):
             at += height
             self._put(text, (round(16 * small), at - round(8 * size)), WHITE, size, outlined=False)
+        return bottom
 
-    def footer(self, rows: list[list[tuple[str, Colour]]], big_first: bool = False) -> None:
+    def footer(self, rows: list[list[tuple[str, Colour]]], big_first: bool = False) -> int:
         """Draws a dark bar along the bottom with rows of coloured words.
 
         Args:
             rows: words of each row with their colours.
             big_first: whether the first row is larger.
+
+        Returns:
+            Height of the bar in rows of the canvas.
         """
         sizes = [self.font * (1.5 if big_first and k == 0 else 1.0) for k in range(len(rows))]
         widths = [sum(_width(text, size) + 26 * size for text, _ in row) for row, size in zip(rows, sizes, strict=True)]
@@ -177,6 +190,7 @@ class Canvas:
             for text, colour in row:
                 self._put(text, (left, at - round(6 * size)), colour, size, outlined=False)
                 left += _width(text, size) + round(26 * size)
+        return self.image.shape[0] - top
 
     @property
     def font(self) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Image
 from ..units import newtons_to_grams
+from ._advice import Candidate
 from ._canvas import FONT, SHIFT, WHITE, Canvas, Colour, fixed, plain, rgb
 
 CENTRELINE: Colour = (255, 214, 0)
@@ -15,6 +16,10 @@ FITTED: Colour = (255, 70, 220)
 X_AXIS: Colour = (255, 60, 50)
 Y_AXIS: Colour = (60, 220, 80)
 FORCE: Colour = (0, 225, 255)
+OBJECTS: tuple[Colour, ...] = ((255, 214, 0), (0, 225, 255), (255, 70, 220), (60, 220, 80))
+"""Colours of the numbered objects that could be the catheter."""
+MAX_OBJECTS_LINES = 8
+"""Lines of advice above a drawing of objects, at most."""
 TALLEST = 4
 """Largest ratio of height to width of an image on a contact sheet; a taller one is made smaller."""
 
@@ -81,6 +86,43 @@ def draw_shape(
             entries.append(("fitted curve", FITTED))
         canvas.footer([[*entries, ("base frame x", X_AXIS), ("y", Y_AXIS), ("tip", WHITE)]])
     return canvas.image
+
+
+def draw_objects(image: Image, objects: Sequence[Candidate], title: str, detail: str) -> Image:
+    """Draws the objects that could be the catheter over an image: line, base region and number of each.
+
+    Args:
+        image: (h, w) or (h, w, 3).
+        objects: the objects; the first is number 1.
+        title: title of the red bar at the top.
+        detail: sentence below the title.
+
+    Returns:
+        The drawing (h', w', 3), enlarged where the image is small.
+    """
+    canvas = Canvas.over(image, None)
+    colours = [OBJECTS[k % len(OBJECTS)] for k in range(len(objects))]
+    for candidate, colour in zip(objects, colours, strict=True):
+        u0, v0, u1, v1 = candidate.region
+        corners = np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1], [u0, v0]]) - 0.5
+        canvas.line(corners, colour, 1.5)
+        canvas.line(candidate.points, colour, 2.0)
+        canvas.dot(candidate.points[-1], colour, 3.0)
+    for number, (candidate, colour) in enumerate(zip(objects, colours, strict=True), start=1):
+        middle = candidate.points[len(candidate.points) // 2]
+        way = candidate.points[-1] - candidate.points[0]
+        canvas.label(str(number), middle, np.array([-way[1], way[0]]) / max(float(np.hypot(*way)), 1e-9), colour)
+    rows = [
+        [(f"{number}: {candidate.probability:.0%}, base_region = {list(candidate.region)}", colour)]
+        for number, (candidate, colour) in enumerate(zip(objects, colours, strict=True), start=1)
+    ]
+    # both bars are beside the image: they must not hide an object
+    height, width = canvas.image.shape[:2]
+    top, bottom = (Canvas(np.full((height, width, 3), 60, np.uint8), canvas.zoom) for _ in range(2))
+    parts = [top.image[: top.banner(title, detail, MAX_OBJECTS_LINES)], canvas.image]
+    if rows:
+        parts.append(bottom.image[height - bottom.footer(rows) :])
+    return np.vstack(parts)
 
 
 def draw_estimate(

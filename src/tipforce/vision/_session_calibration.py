@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
-from ..errors import InputError
-from ..types import DetectedShape, Image, SessionInfo
+from ..errors import InputError, NoCatheterError
+from ..types import DetectedShape, Image, SessionInfo, Status
+from ._advice import Advice, advise
 from ._auto_calibrate import auto_calibrate, enough_images
 from ._detector import ShapeDetector, detector_kind
 from ._session_size import for_session, nominal_px, with_view
@@ -34,9 +35,16 @@ def session_vision(
     try:
         return auto_calibrate(settings, images, info)
     except InputError as error:
-        if enough_images(images) and nominal_px(info, settings.view) is not None:
-            return _any_way(settings).model_copy(update={"refused": str(error)})
-        return with_view(settings, info)
+        return _without_catheter(settings, images, info, str(error))
+
+
+def _without_catheter(
+    settings: VisionSettings, images: Sequence[Image], info: SessionInfo, why: str
+) -> ResolvedVision | VisionSettings:
+    """Returns the settings of `session_vision` for ``images`` in which no catheter is found."""
+    if enough_images(images) and nominal_px(info, settings.view) is not None:
+        return _any_way(settings).model_copy(update={"refused": why})
+    return with_view(settings, info)
 
 
 def _any_way(settings: VisionSettings) -> ResolvedVision:
@@ -68,10 +76,18 @@ class SessionDetector:
         images: Sequence[Image] = (),
         shared: ResolvedVision | None = None,
     ) -> None:
-        self._info = info
+        self._settings, self._info = settings, info
         self._calibration: SessionCalibration | None = None
+        self._refusal: NoCatheterError | None = None
+        self._refused_images: Sequence[Image] = ()
+        self._advice: Advice | None = None
         if images:
-            vision = session_vision(settings, images, info)
+            try:
+                vision = auto_calibrate(settings, images, info)
+            except InputError as error:
+                vision = _without_catheter(settings, images, info, str(error))
+                if isinstance(error, NoCatheterError):
+                    self._refusal, self._refused_images = error, images
         else:
             vision = with_view(settings, info) if shared is None else for_session(shared, info)
             if detector_kind(settings.method).by_session:
@@ -79,6 +95,13 @@ class SessionDetector:
         self._detector = ShapeDetector(vision, info)
         self._begun: ShapeDetector | None = None
         """Resolved on one image of the session, until there are enough: to resolve each anew takes 65 to 380 ms."""
+
+    @property
+    def advice(self) -> Advice | None:
+        """The fact that would help most, found once; None where the session's images show the catheter."""
+        if self._advice is None and self._refusal is not None:
+            self._advice = advise(self._settings, self._refused_images, self._info)
+        return self._advice
 
     @property
     def vision(self) -> ResolvedVision | VisionSettings:
@@ -104,8 +127,16 @@ class SessionDetector:
             resolved = self._detector.resolved
             if self._calibration is not None and shape.found and resolved is not None and resolved is not self.vision:
                 self._begun = ShapeDetector(resolved, self._info)
-        if self._calibration is not None and (found := self._calibration.add(image)) is not None:
-            self._detector, self._begun = ShapeDetector(found, self._info), None
+        if self._calibration is not None:
+            if (found := self._calibration.add(image)) is not None:
+                self._detector, self._begun, self._refusal = ShapeDetector(found, self._info), None, None
+            elif self._refusal is None and self._calibration.refusal is not None:
+                self._refusal, self._refused_images = self._calibration.refusal, self._calibration.kept
+        if self._refusal is None:
+            return shape
+        unclear = self._refusal.several and not isinstance(self.vision, ResolvedVision)
+        if (unclear or shape.status is Status.NO_CATHETER) and self.advice is not None:
+            return DetectedShape(Status.NO_CATHETER, f"{self._refusal.reason}: {self.advice.text()}")
         return shape
 
 
@@ -118,8 +149,15 @@ class SessionCalibration:
 
     def __init__(self, settings: VisionSettings, info: SessionInfo) -> None:
         self._settings, self._info = settings, info
+        self.refusal: NoCatheterError | None = None
+        """Why the last images show no catheter; None where they do."""
         self._kept: list[Image] = []
         self._count, self._every, self._next = 0, _EVERY, _FIRST
+
+    @property
+    def kept(self) -> tuple[Image, ...]:
+        """The images on which it was resolved."""
+        return tuple(self._kept)
 
     def add(self, image: Image) -> ResolvedVision | None:
         """Takes the next image; returns the detection when it was resolved anew."""
@@ -131,7 +169,11 @@ class SessionCalibration:
         self._next = 2 * self._count
         while len(self._kept) > KEPT_IMAGES:
             self._kept, self._every = self._kept[::2], 2 * self._every
+        self.refusal = None
         try:
             return auto_calibrate(self._settings, self._kept, self._info, whole=False)
+        except NoCatheterError as error:
+            self.refusal = error
         except InputError:
-            return None  # no catheter in these images: the detection stays as it was
+            pass
+        return None  # no catheter in these images: the detection stays as it was

@@ -1,22 +1,27 @@
 """The locator: two trained networks that find the catheter, with all that is stated as their prompts."""
 
-from ._locate import Located, locate, read_points, rough_line
+from ._locate import GUESSED_ASPECT, Located, as_colour, locate, read_points, rough_line
+from ._networks import RoughPoints
 from ._prompts import Prompts
 from ._reading import Known
-from ._session import MIN_FRAMES, SessionConstants, session_constants
+from ._session import MIN_FRAMES, SessionConstants, measured_diameter, session_constants
 from ._strip import ACROSS, ALONG, HALF_WIDTH, evenly, straightened, strip_input
 
 __all__ = [
     "ACROSS",
     "ALONG",
+    "GUESSED_ASPECT",
     "HALF_WIDTH",
     "MIN_FRAMES",
     "Known",
     "Located",
     "Prompts",
+    "RoughPoints",
     "SessionConstants",
+    "as_colour",
     "evenly",
     "locate",
+    "measured_diameter",
     "read_points",
     "rough_line",
     "session_constants",

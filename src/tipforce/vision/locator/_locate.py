@@ -179,12 +179,12 @@ def locate(
     size_px = float(arc_length(line)[-1])
     hint = Hint(read.points[0], read.points[-1], HINT_STD_SHARE * size_px, float(read.states[0, OUTSIDE]))
     once = read_strip(colour, of_length(line, known), diameter_px, hint, known)
-    line = _inside(once.line(), colour.shape)
-    if len(line) < MIN_SAMPLES:
+    line = line[:0] if once is None else _inside(once.line(), colour.shape)
+    if once is None or len(line) < MIN_SAMPLES:
         return None
     twice = read_strip(colour, of_length(line, known), diameter_px, hint, known)
-    line = _inside(twice.line(), colour.shape)
-    if len(line) < MIN_SAMPLES:
+    line = line[:0] if twice is None else _inside(twice.line(), colour.shape)
+    if twice is None or len(line) < MIN_SAMPLES:
         return None
     return _located(read, once, twice, line, diameter_px, points)
 

@@ -195,8 +195,8 @@ def _ends(read: Offsets, points: FloatArray, first: int, hint: Hint, known: Know
 
 def read_strip(
     image: npt.NDArray[np.uint8], line: FloatArray, diameter_px: float, hint: Hint, known: Known | None
-) -> Reading:
-    """Reads the strip of ``image`` along ``line``.
+) -> Reading | None:
+    """Reads the strip of ``image`` along ``line``; None where too little of the strip is inside the image for a line.
 
     Args:
         image: (h, w, 3).
@@ -206,9 +206,11 @@ def read_strip(
         known: constants of the session; None where nothing is known.
     """
     strip = straightened(image, line, diameter_px)
+    first = int(strip.inside_view.argmax())
+    if not strip.inside_view.any() or first + MIN_STRIP_SHARE * ALONG > ALONG - 1:
+        return None
     read = refine(strip)
     points = strip.points + (diameter_px * read.offset)[:, None] * strip.normals
-    first = int(strip.inside_view.argmax())
     base, tip, in_view = _ends(read, points, first, hint, known)
     spread = diameter_px * np.hypot(np.maximum(read.spread, MIN_SPREAD_DIAMETERS), MIN_SPREAD_DIAMETERS)
     weight = np.maximum(read.seen, MIN_SEEN) / (CORRELATED_STATIONS * spread**2)

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, NoCatheterError
 from ...geometry import arc_length
 from ...types import Box, FloatArray, Image
 from .._clamp import INWARD
@@ -190,7 +190,7 @@ def _chosen(
 ) -> int:  # fmt: skip
     """Returns the index of the base whose lines are the surest; of one and the same shaft the better length counts.
 
-    Raises InputError where two objects are as likely.
+    Raises NoCatheterError where two objects are as likely.
     """
     inward = None if prompts.border is None else _inward_rad(prompts.border)
     kept = [
@@ -208,9 +208,10 @@ def _chosen(
             off = [_length_off(kept[k], stated) for k in (best, rival)]
             best = rival if off[1] < off[0] else best
             continue
-        raise InputError(
+        raise NoCatheterError(
             f"two objects could be the catheter: one begins near ({bases[best][0]:.0f}, {bases[best][1]:.0f}), the "
-            f"other near ({base[0]:.0f}, {base[1]:.0f})"
+            f"other near ({base[0]:.0f}, {base[1]:.0f})",
+            several=True,
         )
     return best
 
