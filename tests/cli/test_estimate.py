@@ -185,6 +185,9 @@ def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video
     class Stated:
         required_metadata = ("catheter.flexible_length_m", "views.camera.metres_per_px", "views.camera.base_side")
 
+        def for_views(self, there):
+            return self
+
         def __getattr__(self, name):
             return getattr(trained, name)
 
@@ -227,6 +230,9 @@ def test_facts_that_are_none_are_refused(model, video, tmp_path, option, value, 
 
 def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, tmp_path: Path) -> None:
     class Unsure:
+        def for_views(self, there):
+            return self
+
         def __getattr__(self, name):
             return getattr(trained, name)
 

@@ -117,14 +117,16 @@ def test_shards_of_every_view_are_the_same_samples(wanted, made, tmp_path):
             np.testing.assert_array_equal(one.views[view], other.views[view])
 
 
-def test_of_two_views_inspect_looks_at_the_one_that_is_named_and_asks_for_it(wanted, made, tmp_path):
-    if len(wanted.views) > 1:
-        result = run("inspect", made, "-o", tmp_path / "sheet.png")
-        assert isinstance(result.exception, InputError)
-        assert "its views are a, b: for example view=a" in str(result.exception)
-    result = run("inspect", made, "-o", tmp_path / "sheet.png", "--set", f"vision.view={wanted.views[-1]}")
-    assert result.exit_code == 0, result.output
-    assert (tmp_path / "sheet.png").is_file()
+def test_inspect_shows_the_first_view_where_none_is_stated_and_names_those_that_are_there(wanted, made, tmp_path):
+    first, *_, last = wanted.views[0], wanted.views[-1]
+    for view, options in ((first, []), (last, ["--set", f"vision.view={last}"])):
+        result = run("inspect", made, "-o", tmp_path / "sheet.png", "--overwrite", *options)
+        assert result.exit_code == 0, result.output
+        assert (f"the view {view} of a, b" in result.output) == (len(wanted.views) > 1)
+    wrong = run("inspect", made, "-o", tmp_path / "none.png", "--set", "vision.view=c")
+    assert isinstance(wrong.exception, InputError)
+    assert "there is no view 'c'; there" in str(wrong.exception)
+    assert f"for example vision.view={first}" in str(wrong.exception)
 
 
 def test_of_two_views_the_next_step_names_the_one_to_train_on(tmp_path):

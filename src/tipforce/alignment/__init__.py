@@ -8,7 +8,7 @@ from ._find import ForceCorrections, TareChoice, find_tare_and_inertia
 from ._find_clock import ClockChoice, DetectedShapes, OffsetChoice, find_clock, stated_clock
 from ._inertia import StageMotion, fit_inertia, tip_acceleration
 from ._labels import Labels, covered_frames, label_log, labels
-from ._observations import PAIR_S, Pairing, nearest_frames, observations
+from ._observations import PAIR_S, ObservationQueue, Pairing, nearest_frames, observations
 from ._plausible import find_plausible_force
 from ._tare import find_tare, stated_tare
 from ._tare_check import changing_tare, contact_free_stretch, pulling_force
@@ -21,6 +21,7 @@ __all__ = [
     "DetectedShapes",
     "ForceCorrections",
     "Labels",
+    "ObservationQueue",
     "OffsetChoice",
     "Pairing",
     "StageMotion",

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from ..io import WAIT_S, ActuationSeries
-from ..types import STAGE, Actuation, Event, Frame, Image, IntArray, Observation
+from ..types import DEFAULT_VIEW, STAGE, Actuation, Event, Frame, Image, IntArray, Observation
 
 PAIR_S = 0.02
 """Two images belong to one instant where their stamps differ by no more."""
@@ -72,55 +72,80 @@ class Pairing:
         return found
 
 
+class ObservationQueue:
+    """Takes events as they arrive, and returns the observations that are complete.
+
+    There is one observation for each frame of the first view. It contains the image of each further view that is
+    nearest in time; where none is near, that view is absent. Actuation is interpolated linearly where a later reading,
+    within ``WAIT_S`` of the frame in stamps, is there, else the last one holds; names without an earlier reading are
+    absent.
+
+    Args:
+        views: names of the views.
+        wait_s: longest time that a frame waits for a later reading; a live loop passes 0, and has the later reading
+            where images arrive later than readings.
+        pair_s: largest difference in time between the images of one observation, and longest time that a frame waits.
+            All times are those of the stamps: the newest event sets the present time.
+    """
+
+    def __init__(self, views: Sequence[str], *, wait_s: float = WAIT_S, pair_s: float = PAIR_S) -> None:
+        self._first, self._wait_s = views[0], wait_s
+        self._wait_ns, self._pair_ns = round(wait_s * 1e9), round(pair_s * 1e9)
+        self._series, self._pairing = ActuationSeries(), Pairing(views, pair_s)
+        self._waiting: deque[Frame] = deque()
+
+    def add(self, event: Event) -> list[Observation]:
+        """Returns the observations that are complete with this event, in order of their frames."""
+        if isinstance(event, Actuation) and event.stream != STAGE:
+            self._series.add(event)
+        elif isinstance(event, Frame):
+            if event.view == self._first:
+                self._waiting.append(event)
+            else:
+                self._pairing.add(event)
+        found: list[Observation] = []
+        while self._waiting and self._ready(self._waiting[0].stamp_ns, event.stamp_ns):
+            found.append(self._release(self._waiting.popleft()))
+        if isinstance(event, Frame):
+            self._pairing.forget_before(self._waiting[0].stamp_ns if self._waiting else event.stamp_ns)
+        return found
+
+    def rest(self) -> list[Observation]:
+        """Returns the observations of the frames that still wait, where no event comes any more."""
+        found = [self._release(frame) for frame in self._waiting]
+        self._waiting.clear()
+        return found
+
+    def _ready(self, stamp_ns: int, now_ns: int) -> bool:
+        read = self._series.final_at(stamp_ns) or now_ns - stamp_ns >= self._wait_ns
+        return read and (self._pairing.final_at(stamp_ns) or now_ns - stamp_ns > self._pair_ns)
+
+    def _release(self, frame: Frame) -> Observation:
+        values = self._series.at(np.array([frame.stamp_ns]), wait_s=max(self._wait_s, WAIT_S))
+        known = {name: float(value[0]) for name, value in values.items() if not np.isnan(value[0])}
+        self._series.forget_before(frame.stamp_ns)
+        return Observation(frame.stamp_ns, self._pairing.views_of(frame), known)
+
+
 def observations(
     events: Iterable[Event],
-    view: str | Sequence[str] = "camera",
+    view: str | Sequence[str] = DEFAULT_VIEW,
     *,
     wait_s: float = WAIT_S,
     pair_s: float = PAIR_S,
 ) -> Iterator[Observation]:
-    """Yields an observation for each frame of a view, or of the first of several views.
-
-    It contains the image of each further view that is nearest in time; where it was dropped, that view is absent.
-    Actuation is interpolated linearly where a later reading, within ``WAIT_S`` of the frame in stamps, is there, else
-    the last one holds; names without an earlier reading are absent.
+    """Yields an observation for each frame of a view, or of the first of several views; see `ObservationQueue`.
 
     Args:
         events: events in the order of their arrival.
         view: name of the view, or names of several.
-        wait_s: longest time that a frame waits for a later reading; a live loop passes 0, and has the later reading
-            where images arrive later than readings.
-        pair_s: largest difference in time between the images of one observation, and longest time that a frame waits.
+        wait_s: longest time that a frame waits for a later reading.
+        pair_s: largest difference in time between the images of one observation.
 
     Yields:
         The observations, in order of the frames.
     """
-    views = (view,) if isinstance(view, str) else tuple(view)
-    series, pairing = ActuationSeries(), Pairing(views, pair_s)
-    waiting: deque[Frame] = deque()
-    wait_ns, pair_ns = round(wait_s * 1e9), round(pair_s * 1e9)
-
-    def release(frame: Frame) -> Observation:
-        values = series.at(np.array([frame.stamp_ns]), wait_s=max(wait_s, WAIT_S))
-        known = {name: float(value[0]) for name, value in values.items() if not np.isnan(value[0])}
-        series.forget_before(frame.stamp_ns)
-        return Observation(frame.stamp_ns, pairing.views_of(frame), known)
-
-    def ready(stamp_ns: int, now_ns: int) -> bool:
-        read = series.final_at(stamp_ns) or now_ns - stamp_ns >= wait_ns
-        return read and (pairing.final_at(stamp_ns) or now_ns - stamp_ns > pair_ns)
-
+    queue = ObservationQueue((view,) if isinstance(view, str) else view, wait_s=wait_s, pair_s=pair_s)
     for event in events:
-        if isinstance(event, Actuation) and event.stream != STAGE:
-            series.add(event)
-        elif isinstance(event, Frame):
-            if event.view == views[0]:
-                waiting.append(event)
-            else:
-                pairing.add(event)
-        while waiting and ready(waiting[0].stamp_ns, event.stamp_ns):
-            yield release(waiting.popleft())
-        if isinstance(event, Frame):
-            pairing.forget_before(waiting[0].stamp_ns if waiting else event.stamp_ns)
-    while waiting:
-        yield release(waiting.popleft())
+        yield from queue.add(event)
+    yield from queue.rest()

@@ -2,7 +2,7 @@
 
 from ..vision import Annotation
 from ._choice import DEFAULT_FRAMES, choose_frames
-from ._images import MAX_CANDIDATES, AnnotationImages, Candidate
+from ._images import MAX_CANDIDATES, AnnotationImages, Candidate, views_at
 from ._import import ImportReport, import_marks
 from ._server import AnnotationServer, serve_annotation
 from ._session import AnnotationSession, Proposal, check_enough, uncertainty_of
@@ -36,5 +36,6 @@ __all__ = [
     "serve_annotation",
     "store_path",
     "uncertainty_of",
+    "views_at",
     "write_marks",
 ]

@@ -22,7 +22,7 @@ from ..io import (
     read_image,
     spread_rows,
 )
-from ..types import FloatArray, Frame, Image, SessionInfo, Source
+from ..types import DEFAULT_VIEW, FloatArray, Frame, Image, SessionInfo, Source, views_of
 
 THUMBNAIL_PX = (32, 24)
 """Width and height of the small grey images by which frames are compared."""
@@ -151,6 +151,22 @@ class AnnotationImages:
         """Returns the images ``names``, in this order: (h, w) grey or (h, w, 3) RGB, uint8."""
         found = dict(self.each(names))
         return [found[name] for name in names]
+
+
+def views_at(path: Path) -> tuple[str, ...]:
+    """Returns the views of a recording, or of the first one in a folder of recordings; else the default view.
+
+    Args:
+        path: the file or folder.
+
+    Raises:
+        FileFormatError: there is no such file, or it cannot be read.
+    """
+    recordings = sorted(path.glob("*.mcap")) if path.is_dir() else []
+    if path.is_dir() and not recordings:
+        return (DEFAULT_VIEW,)
+    with open_source(next(iter(recordings), path)) as source:
+        return views_of(source)
 
 
 class _Folder:

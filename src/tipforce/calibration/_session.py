@@ -151,10 +151,10 @@ def read_session(
     settings = vision or VisionSettings()
     with RecordingReader(path) as reader:
         info = reader.session_info.updated(bench) if bench is not None else reader.session_info
-        view = settings.view if settings.view in reader.views else next(iter(reader.views), None)
-        if view is None:
+        if not reader.views:
             raise InputError(f"{path}: the recording holds no images, and calibration needs them")
-        settings = settings.model_copy(update={"view": view})
+        settings = settings.for_views(reader.views, path)
+        view = settings.view
         scale = info.view(view).metres_per_px
         if scale is None:
             raise InputError(

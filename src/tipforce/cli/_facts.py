@@ -24,6 +24,15 @@ KnobOption = Annotated[
     float | None, typer.Option(help="Angle of the steering knob, where it is constant and in no file.")
 ]
 
+ViewOption = Annotated[
+    str | None,
+    typer.Option(
+        "--view",
+        metavar="NAME",
+        help="The view that the method reads, of several; default: the model's own, or the first one.",
+    ),
+]
+
 
 def stated_info(bench: Path | None, facts: list[str] | None, knob_deg: float | None = None) -> SessionInfo:
     """Merges the options of a session; each later one wins.

@@ -31,7 +31,7 @@ def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None
     Raises:
         InputError: a key or a value is wrong; the message names the key, the given value and the possible keys.
     """
-    values: dict[str, Any] = {} if base is None else base.model_dump()
+    values: dict[str, Any] = {} if base is None else base.model_dump(exclude_unset=True)
     for pair in pairs or []:
         key, equals, text = pair.partition("=")
         if not equals:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from ._common import JsonOption, check_outputs, progress_bar, say, write_json
+from ._facts import ViewOption
 from ._settings import SetOption, settings_from
 
 
@@ -32,6 +33,7 @@ def command(
         bool,
         typer.Option("--no-limit", help="Lift the limit of the force, for a baseline."),
     ] = False,
+    view: ViewOption = None,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -68,13 +70,14 @@ def command(
     stated = [f"target_n={target_n}", f"controller={controller}", *lifted, *(settings or [])]
     chosen = settings_from(ControlSettings, stated)
     bench = bench_of_regime(preset_settings(simulated), contact, seconds)
-    estimator = "truth" if model == "truth" else load_model(Path(model))
+    estimator = "truth" if model == "truth" else load_model(Path(model), view)
     loop = ControlSession(estimator, live_bench(estimator, bench, seed, session), chosen, drives, seconds=seconds)
     title = f"{model}, {controller}, {contact} contact, {simulated} session {session} of seed {seed}, drives: {drives}"
     command_line = (
         f"tipforce control {model} --simulated {simulated} --target-n {target_n:g} --controller {controller} --contact "
         f"{contact} --drives {drives} --session {session} --seconds {seconds:g} --seed {seed}"
-        f"{' --no-limit' * no_limit}{''.join(f' --set {each}' for each in settings or ())} -o {output}"
+        f"{'' if view is None else f' --view {view}'}{' --no-limit' * no_limit}"
+        f"{''.join(f' --set {each}' for each in settings or ())} -o {output}"
     )
     with progress_bar() as report:
         figures = run_and_report(loop, output, seconds, title=title, command=command_line, progress=report)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
-from ._facts import BenchOption, FactOption, KnobOption, number_from, stated_info
+from ._facts import BenchOption, FactOption, KnobOption, ViewOption, number_from, stated_info
 from ._settings import SetOption, settings_from
 
 
@@ -26,6 +26,7 @@ def command(
     bench: BenchOption = None,
     fact: FactOption = None,
     knob_deg: KnobOption = None,
+    view: ViewOption = None,
     session: Annotated[str | None, typer.Option(metavar="NAME", help="Which one, of data with several.")] = None,
     settings: SetOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there already.")] = False,
@@ -58,7 +59,7 @@ def command(
     check_outputs([frames], output, overlay, json_file)
     check_new(output, overlay, overwrite=overwrite)
     contact = settings_from(ContactSettings, settings)
-    estimator = load_model(model)
+    estimator = load_model(model, view)
     knob = {} if knob_deg is None else {"knob_deg": number_from(str(knob_deg), "--knob-deg", "degrees")}
     with (
         open_source(frames, session=session, actuation=knob, stated=stated_info(bench, fact)) as source,

@@ -113,7 +113,7 @@ def command(
         base = kind.model_validate(thesis_settings(name)) if to_the_letter else None
         changed = settings_from(kind, settings, base)
         stated = {pair.partition("=")[0].split(".")[0] for pair in settings or ()}
-        chosen = changed.model_dump(include=stated, exclude_unset=base is None)
+        chosen = changed.model_dump(include=stated, exclude_unset=True)
     with progress_bar() as report:
         done = evaluate(
             models, data, output,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ._common import JsonOption, check_outputs, console, say, shown, write_json
-from ._facts import BenchOption, FactOption, KnobOption, stated_info
+from ._facts import BenchOption, FactOption, KnobOption, ViewOption, stated_info
 from ._settings import SetOption, settings_from
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def command(
     bench: BenchOption = None,
     fact: FactOption = None,
     knob_deg: KnobOption = None,
+    view: ViewOption = None,
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -97,7 +98,7 @@ def command(
         if page is not None:
             say(f"page: {page.address}")
         starting(f"loading {model}")
-        estimator = load_model(model)
+        estimator = load_model(model, view)
         if simulated is not None:
             starting(f"drawing a session of {simulated}, which takes up to a minute")
         elif frames is not None:

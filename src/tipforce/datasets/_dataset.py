@@ -1,7 +1,7 @@
 """The labelled samples of one or many sessions, independent of their storage."""
 
 import hashlib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import repeat
 from typing import Protocol, TypeVar, runtime_checkable
@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from ..types import BoolArray, FloatArray, Image, IntArray, Observation, SessionInfo
+from ..types import BoolArray, FloatArray, Image, IntArray, Observation, SessionInfo, ordered_views
 
 T = TypeVar("T")
 
@@ -19,6 +19,16 @@ class RowStore(Protocol):
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """Yields the observations of ``rows`` (m,), in the given order."""
+        ...
+
+
+@runtime_checkable
+class HasViews(Protocol):
+    """A store that knows the views of its observations without reading them."""
+
+    @property
+    def views(self) -> Iterable[str]:
+        """Names of the views; an image of one may be absent in some rows."""
         ...
 
 
@@ -111,6 +121,14 @@ class Dataset:
     def force_frames(self) -> set[str]:
         """Reference frames of the sessions' forces; "base" unless the metadata state another one."""
         return {info.force_frame for info in self.session_info.values()}
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Names of the samples' views, the first one first."""
+        if isinstance(self.store, HasViews):
+            return ordered_views(self.store.views)
+        first = next(self.store.read(self.rows[:1]), None)
+        return () if first is None else ordered_views(first.views)
 
     @property
     def magnitude_n(self) -> FloatArray:

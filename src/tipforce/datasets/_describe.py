@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
 from ..types import FloatArray, Image, SessionInfo
 from ..units import newtons_to_grams
 from ._calibration_images import calibration_images
@@ -60,31 +59,19 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
 
 
 def session_images(
-    dataset: Dataset, view: str, title: str, every: int = 1
+    dataset: Dataset, view: str, every: int = 1
 ) -> Iterator[tuple[SessionInfo, tuple[Image, ...], list[tuple[str, Image]]]]:
     """Yields each session: its metadata, its `calibration_images`, and name and image of every ``every``-th sample.
 
     Args:
         dataset: the dataset.
         view: view of the images.
-        title: name of the dataset in messages.
         every: step between the samples.
-
-    Raises:
-        InputError: the dataset has only images of other views.
     """
-    others, found = set[str](), False
     for name in dataset.sessions:
         part = dataset.subset(np.flatnonzero(dataset.session == name)[::every])
         shown: list[tuple[str, Image]] = []
         for own, each in zip(part.names_of(view).tolist(), part.observations(), strict=True):
-            others |= each.views.keys() - {view}
             if isinstance(image := each.views.get(view), np.ndarray):
                 shown.append((own, image))
-        found = found or bool(shown)
         yield dataset.session_info[name], calibration_images(dataset, name, view), shown
-    if others and not found:
-        there = sorted(others)
-        raise InputError(
-            f"{title}: has no image of the view {view!r}; its views are {', '.join(there)}: for example view={there[0]}"
-        )

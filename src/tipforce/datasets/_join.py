@@ -1,6 +1,6 @@
 """Takes parts of a dataset (random, every n-th, without sessions), and joins several datasets."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -154,7 +154,7 @@ def _renamed(dataset: Dataset, names: Mapping[str, str]) -> Dataset:
 def _lacking(datasets: Sequence[Dataset]) -> Iterator[str]:
     """Yields a sentence for each dataset without a reading of a drive, or image of a view, that another dataset has."""
     drives = [{name for name, values in each.actuation.items() if np.isfinite(values).any()} for each in datasets]
-    views = [set(next(each.observations()).views) for each in datasets]
+    views = [set(each.views) for each in datasets]
     for dataset, own_drives, own_views in zip(datasets, drives, views, strict=True):
         missing = (("actuation", set().union(*drives) - own_drives), ("view", set().union(*views) - own_views))
         for kind, names in missing:
@@ -170,6 +170,11 @@ class _Several:
     parts: tuple[Dataset, ...]
     part: IntArray
     position: IntArray
+
+    @property
+    def views(self) -> Iterable[str]:
+        """Names of the views of all datasets."""
+        return (view for dataset in self.parts for view in dataset.views)
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """Yields the observations of ``rows``, in the given order."""

@@ -30,11 +30,12 @@ def is_published_layout(path: Path) -> bool:
     return path.is_dir() and any(layout.recognises(path) for layout in LAYOUTS.values())
 
 
-def open_dataset(path: str | Path) -> Dataset:
+def open_dataset(path: str | Path, view: str | None = None) -> Dataset:
     """Opens labelled samples of any kind; images are read when they are used.
 
     Args:
         path: a dataset folder or its table (.csv), Parquet shards, one or many recordings, or a published layout.
+        view: the view whose frames are the samples of recordings with several; by default their first one.
 
     Returns:
         The samples in the order of their sessions and stamps.
@@ -47,12 +48,12 @@ def open_dataset(path: str | Path) -> Dataset:
     path = Path(path)
     cut_off = path.suffix == ".mcap" and not path.exists() and path.with_name(f"{path.name}.part").exists()
     if cut_off or path.name.endswith(_PART):
-        return open_recordings([path], path.name.removesuffix(".part").removesuffix(".mcap"))
+        return open_recordings([path], path.name.removesuffix(".part").removesuffix(".mcap"), view=view)
     if not path.exists():
         raise FileFormatError(f"{path}: there is no such file or folder")
     if path.is_file():
         if path.suffix == ".mcap":
-            return open_recordings([path], path.stem)
+            return open_recordings([path], path.stem, view=view)
         if path.suffix.lower() == ".csv":
             return open_folder(path.parent, path.name)
         if path.suffix == SUFFIX:
@@ -68,7 +69,7 @@ def open_dataset(path: str | Path) -> Dataset:
         return open_shards(shards, path.resolve().name, whole=True)
     recordings, parts = sorted(path.glob("*.mcap")), sorted(path.glob(f"*{_PART}"))
     if recordings:
-        dataset = open_recordings(recordings, path.resolve().name)
+        dataset = open_recordings(recordings, path.resolve().name, view=view)
         return replace(dataset, remarks=(*dataset.remarks, *(f"{part.name}: {_UNFINISHED}" for part in parts)))
     if parts:
         raise FileFormatError(f"{parts[0]}: {_UNFINISHED}; open it by its own name to recover it")

@@ -6,7 +6,7 @@ folder.
 """
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -152,6 +152,11 @@ class Shards(Table):
     paths: tuple[Path, ...]
     ends: IntArray
     columns: Mapping[str, str]
+
+    @property
+    def views(self) -> Iterable[str]:
+        """Names of the views."""
+        return self.columns
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """Yields the observations of ``rows``, in the given order; one row group is in memory at a time."""

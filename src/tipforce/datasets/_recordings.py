@@ -9,19 +9,19 @@ import numpy as np
 from ..alignment import labels
 from ..errors import InputError
 from ..io import RecordingReader
-from ..types import FloatArray, IntArray, SessionInfo
+from ..types import DEFAULT_VIEW, FloatArray, IntArray, SessionInfo
 from ._dataset import Dataset
 from ._stores import Recordings
 
 
-def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = None, force: str = "force") -> Dataset:
+def open_recordings(paths: Sequence[Path], title: str, *, view: str | None = None, force: str = "force") -> Dataset:
     """Returns the frames of ``paths`` that have a force; frames outside the force log's time are left out.
 
     Args:
         paths: the recordings.
         title: name of the dataset.
-        camera: view whose frames are the samples; None: the first view of the first recording, with the images of its
-            other views at the same instants.
+        view: view whose frames are the samples, with the images of the other views at the same instants; the first
+            view of the first recording where it is None or not there.
         force: stream of the forces.
 
     Raises:
@@ -35,7 +35,8 @@ def open_recordings(paths: Sequence[Path], title: str, *, camera: str | None = N
     remarks: list[str] = []
     known, some = np.ones(3, np.bool_), np.zeros(3, np.bool_)
     with RecordingReader(paths[0]) as reader:
-        views = (camera,) if camera else reader.views or ("camera",)
+        views = reader.views or (DEFAULT_VIEW,)
+        views = tuple(sorted(views, key=lambda name: name != view))  # the other views stay in their order
         paths = [reader.path, *paths[1:]]  # if the given file was cut off, this is the recovered one
     opened: list[Path] = []
     for given in paths:

@@ -39,6 +39,7 @@ class DatasetSource(ClosedAtExit):
         if clash := own & set(actuation or {}):
             raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
         self.path, self.frame_count, self._dataset, self._own = path, len(dataset), dataset, own
+        self.views = dataset.views
         self.session_info = dataset.session_info[name].updated(stated)
         constant = self.session_info.actuation.constant.items()
         self._constant = {drive: value for drive, value in constant if drive not in own} | dict(actuation or {})

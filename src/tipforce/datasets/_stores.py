@@ -1,7 +1,7 @@
 """Stores of a dataset's observations. Images are read only when they are used."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -59,6 +59,11 @@ class ImageFiles(_RowByRow):
     paths: Mapping[str, tuple[Path, ...]]
     mask_paths: Mapping[str, tuple[Path, ...]] = field(default_factory=dict[str, tuple[Path, ...]])
     checksums: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
+
+    @property
+    def views(self) -> Iterable[str]:
+        """Names of the views."""
+        return self.paths
 
     def has_masks(self, rows: IntArray, view: str) -> bool:
         """Returns whether each row has a mask file; see `HasMasks.has_masks`."""
@@ -130,6 +135,11 @@ class Recordings(Table):
     frame: IntArray
     view: str = "camera"
     others: tuple[str, ...] = ()
+
+    @property
+    def views(self) -> Iterable[str]:
+        """Names of the views."""
+        return (self.view, *self.others)
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """Yields the observations of ``rows``, in the given order; one recording is open at a time."""

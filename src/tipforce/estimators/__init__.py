@@ -2,7 +2,7 @@
 
 from ._base import Estimator, FineTunable, Progress, Stream, no_progress
 from ._facts import ModelFacts, ModelSummary
-from ._fit import Training, train
+from ._fit import Training, for_dataset, train
 from ._onnx import export_onnx
 from ._registry import ESTIMATORS, create, method
 from ._session_metadata import missing_metadata
@@ -65,6 +65,7 @@ __all__ = [
     "check_target",
     "create",
     "export_onnx",
+    "for_dataset",
     "initial_model_folder",
     "load_initial_model",
     "load_model",

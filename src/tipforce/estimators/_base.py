@@ -1,7 +1,8 @@
 """The interface that all methods share."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self
 
@@ -11,9 +12,10 @@ from pydantic import BaseModel
 
 from ..datasets import Dataset, calibration_images
 from ..errors import InputError
-from ..types import ForceEstimate, Image, Observation, SessionInfo
+from ..types import DEFAULT_VIEW, ForceEstimate, Image, Observation, SessionInfo, missing_views, views_text
 from ..vision import detector_kind
 from ._facts import ModelFacts
+from ._view_setting import is_stated, with_value
 
 Progress = Callable[[str, float], None]
 """Called with a description of the current work and its finished share (0..1)."""
@@ -62,6 +64,9 @@ class Estimator(ABC):
 
     breaks: ClassVar[str] = ""
     """One sentence on the limits of the method, for tables that compare methods; empty where none is stated."""
+
+    view_setting: ClassVar[str] = ""
+    """Setting that names the view, as ``vision.view``; empty for a method that does not read one view."""
 
     def __init__(self, settings: Any = None) -> None:
         self.settings: Any = settings or self.settings_type()
@@ -122,6 +127,46 @@ class Estimator(ABC):
         made = self.unfitted()
         made.settings = settings
         return made
+
+    @property
+    def view_is_stated(self) -> bool:
+        """True where a person or the training chose the views; otherwise any view of the data may be read."""
+        return not self.view_setting or is_stated(self.settings, self.view_setting)
+
+    def reading(self, view: str) -> Self:
+        """Returns this method, fitted or not, for another view; only for a method that reads one.
+
+        Args:
+            view: name of the view.
+
+        Raises:
+            InputError: the method does not read one view.
+        """
+        if not self.view_setting:
+            raise InputError(f"{self.name} reads {views_text(self.views)}; no other view can be chosen")
+        made = copy(self)
+        made.settings = with_value(self.settings, self.view_setting, view)
+        return made
+
+    def for_views(self, there: Iterable[str]) -> Self:
+        """Returns this method for data with the views ``there``.
+
+        All code that brings a method and data together calls it. A method of one view whose view nobody chose reads the
+        first one where its default view is absent.
+
+        Args:
+            there: views of the data, the first one first; empty where they are not known.
+
+        Raises:
+            InputError: a view that the method reads is absent.
+        """
+        names = tuple(there)
+        lacking = [view for view in self.views if names and view not in names]
+        if not lacking:
+            return self
+        if self.view_is_stated:
+            raise InputError(f"{missing_views(lacking, names)}, and {self.name} reads {views_text(self.views)}")
+        return self.reading(names[0])
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """Returns the learnt state as JSON values and arrays."""
@@ -188,7 +233,7 @@ class Estimator(ABC):
     @property
     def views(self) -> tuple[str, ...]:
         """Names of the views that the method reads; the first one sets the frame rate."""
-        return ("camera",)
+        return (DEFAULT_VIEW,)
 
     @property
     def calibrates_on_images(self) -> bool:
@@ -226,6 +271,8 @@ class Estimator(ABC):
 
 class CentrelineEstimator(Estimator):
     """A method that reads the centreline detected in one view; its settings have ``vision``."""
+
+    view_setting = "vision.view"
 
     @property
     def views(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from ..datasets import Dataset, random_split, random_subset
 from ..errors import InputError
 from ..types import FloatArray
 from ._base import Estimator, FineTunable, Progress
+
+E = TypeVar("E", bound=Estimator)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +67,10 @@ def train(
     """
     if start is not None and not isinstance(method, FineTunable):
         raise InputError(f"{method.name} is no network and always learns from nothing; leave out the initial model")
+    method = for_dataset(method, dataset)
     if calibrate is not None:
         _check_calibration(dataset, calibrate)
+        for_dataset(method, calibrate)
     settings = method.settings
     if "seed" in type(settings).model_fields and "seed" not in settings.model_fields_set:
         method = method.with_settings(settings.model_copy(update={"seed": seed}))
@@ -89,6 +93,19 @@ def train(
     return Training(fitted, part, _measured(fitted, drawn.subset(split.test)), calibrate)
 
 
+def for_dataset(method: E, dataset: Dataset) -> E:
+    """Returns the method for the views of a dataset; see `Estimator.for_views`.
+
+    Raises:
+        InputError: the dataset lacks a view that the method reads.
+    """
+    try:
+        return method.for_views(dataset.views)
+    except InputError as error:
+        advice = f": for example {method.view_setting}={dataset.views[0]}" if method.view_setting else ""
+        raise InputError(f"{dataset.title}: {error}{advice}") from None
+
+
 def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
     """Checks the calibration sessions before a training of minutes."""
     known = {fingerprint: name for name, fingerprint in dataset.session_fingerprints.items()}
@@ -105,11 +122,6 @@ def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
         raise InputError(
             f"{calibrate.title}: its forces are in the frame {min(other)}, those of {dataset.title} in "
             f"{', '.join(sorted(dataset.force_frames))}; convert one of them"
-        )
-    views, there = (next(data.observations()).views.keys() for data in (dataset, calibrate))
-    if views - there:
-        raise InputError(
-            f"{calibrate.title}: has no view {min(views - there)!r}, which {dataset.title} has; the intervals need it"
         )
 
 

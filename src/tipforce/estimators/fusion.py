@@ -138,6 +138,7 @@ class Fusion(Estimator):
     """
 
     name: ClassVar[str] = "fusion"
+    view_setting = "rod.vision.view"
     settings_type = FusionSettings
     settings: FusionSettings
     needs_fit: ClassVar[bool] = False
@@ -162,7 +163,12 @@ class Fusion(Estimator):
                 raise ModelError(
                     f"network={self.settings.network}: does not estimate both fx and fy; fusion needs them"
                 )
-            self._members = _Members(RodTrack(self.settings.rod), network)
+            rod = RodTrack(self.settings.rod)
+            if rod.view_is_stated and not network.view_is_stated:
+                network = network.reading(rod.views[0])
+            elif network.view_is_stated and not rod.view_is_stated:
+                rod = rod.reading(network.views[0])
+            self._members = _Members(rod, network)
         return self._members
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
@@ -205,6 +211,17 @@ class Fusion(Estimator):
             kept = sources == source
             self.intervals_[source] = interval(kept) if kept.sum() >= MIN_FRAMES else whole
         return self
+
+    @property
+    def view_is_stated(self) -> bool:
+        """True where the settings of the rod, or the network's training, chose a view."""
+        return super().view_is_stated or self.members.network.view_is_stated
+
+    def reading(self, view: str) -> Self:
+        """Returns rod and network for another view; see `Estimator.reading`."""
+        made, members = super().reading(view), self.members
+        made._members = _Members(members.rod.reading(view), members.network.reading(view))
+        return made
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -250,7 +267,7 @@ class Fusion(Estimator):
         """Returns the same settings and network without the learnt state."""
         made = type(self)(self.settings)
         if self._members is not None:
-            made._members = _Members(RodTrack(self.settings.rod), self._members.network)
+            made._members = _Members(self._members.rod.unfitted(), self._members.network)
         return made
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
@@ -260,6 +277,7 @@ class Fusion(Estimator):
         values = {
             "rod": rod,
             "network": network,
+            "view": self.members.rod.views[0],
             "network_settings": self.members.network.settings.model_dump(mode="json"),
             "intervals": {source: each.values() for source, each in self.intervals_.items()},
             "stretch": [self.stretch_.gain, self.stretch_.from_n],
@@ -286,6 +304,7 @@ class Fusion(Estimator):
             return {name.removeprefix(member): each for name, each in arrays.items() if name.startswith(member)}
 
         rod = made.settings.rod.model_dump(mode="json")
+        rod["vision"]["view"] = values.get("view", rod["vision"]["view"])
         made._members = _Members(
             RodTrack.from_state(rod, values["rod"], of("rod.")),
             Compact.from_state(values["network_settings"], values["network"], of("network."), files),

@@ -17,7 +17,7 @@ from ..types import FloatArray
 from ._constant import Constant
 from ._ground_truth import CramerRaoBounds
 from ._kept_fits import KeptFits
-from ._methods import Method
+from ._methods import Method, view_notes
 from ._predictions import Predictions, collect, in_contact
 from ._protocols import (
     AS_SAVED,
@@ -157,6 +157,7 @@ def evaluate(
     """
     settings = settings or EvaluationSettings()
     _check_inputs(dataset, methods, settings, truth_n, bounds)
+    methods = [method.for_dataset(dataset) for method in methods]
     everything, whole_truth_n = dataset, truth_n
     dataset = every_nth(everything, settings.every) if settings.every != 1 else everything
     if settings.samples is not None and "thesis" not in (settings.protocols or ()):
@@ -165,7 +166,7 @@ def evaluate(
         index = index_in(everything, dataset)
         truth_n, bounds = truth_n[index], None if bounds is None else bounds.at(index)
     data = ScoredData(dataset, everything, in_contact(dataset, truth_n), truth_n, bounds, settings.seed)
-    notes = fine_tuning_notes(methods, dataset)
+    notes = [*fine_tuning_notes(methods, dataset), *view_notes(methods, dataset)]
     if settings.as_saved:
         results = run_saved_alone(methods, data, notes)
     else:

@@ -7,18 +7,21 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from ..datasets import Dataset
 from ..errors import InputError
 from ..estimators import (
     ESTIMATORS,
     Estimator,
     FineTunable,
     create,
+    for_dataset,
     initial_model_folder,
     load_initial_model,
     load_model,
     located,
     read_manifest,
 )
+from ..types import views_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,12 @@ class Method:
     trained_sessions: frozenset[str] = frozenset()
     trained_fingerprint: str = ""
     initial_sha256: str = ""
+
+    def for_dataset(self, dataset: Dataset) -> "Method":
+        """Returns the method for the views of ``dataset``. Raises InputError where it reads a view that is absent."""
+        saved = None if self.saved is None else for_dataset(self.saved, dataset)
+        estimator = saved.unfitted() if saved is not None else for_dataset(self.estimator, dataset)
+        return replace(self, estimator=estimator, saved=saved)
 
     @property
     def as_it_comes(self) -> Estimator | None:
@@ -96,6 +105,22 @@ def methods_from(
         # Two folders of the same name differ by their whole paths.
         made = [replace(method, label=str(Path(model))) for model, method in zip(models, made, strict=True)]
     return made
+
+
+def view_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:
+    """Returns a sentence for each method on the views that it reads, where the data have several.
+
+    Args:
+        methods: the methods, for the views of ``dataset``.
+        dataset: the evaluated samples.
+    """
+    if len(dataset.views) < 2:
+        return []
+    return [
+        f"{method.label} reads {views_text((method.as_it_comes or method.estimator).views)} of the views "
+        f"{', '.join(dataset.views)}."
+        for method in methods
+    ]
 
 
 def _learning_from_the_rest(estimator: Estimator) -> Estimator:

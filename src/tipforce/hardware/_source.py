@@ -217,6 +217,11 @@ class HardwareSource:
         return tuple(stream.declared for stream in self._streams.values())
 
     @property
+    def views(self) -> tuple[str, ...]:
+        """Names of the cameras' streams."""
+        return tuple(stream.name for stream in self.streams if stream.kind == "frame")
+
+    @property
     def actuators(self) -> GrblActuators | None:
         """The drives of the stage of the bench; None where it has none."""
         drivers = (device.driver for device in self._devices)

@@ -27,6 +27,7 @@ from ..types import (
     SessionInfo,
     Wrench,
     actuation_range,
+    ordered_views,
 )
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import (
@@ -197,7 +198,7 @@ class RecordingReader(ClosedAtExit):
     def views(self) -> tuple[str, ...]:
         """Names of the streams of images: "camera", which is the default, first, then the others by name."""
         names = [stream.name for stream in self.info.streams.values() if stream.kind == "frame" and stream.count]
-        return tuple(sorted(names, key=lambda name: (name != "camera", name)))
+        return ordered_views(names)
 
     def __iter__(self) -> Iterator[Event]:
         return self.events()

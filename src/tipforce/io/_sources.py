@@ -11,6 +11,7 @@ from .._system.contexts import ClosedAtExit
 from ..errors import FileFormatError, InputError
 from ..types import (
     ADVANCE,
+    DEFAULT_VIEW,
     STAGE,
     Actuation,
     ActuationInfo,
@@ -45,6 +46,8 @@ class FileSource(ClosedAtExit):
     Raises:
         InputError: ``actuation`` has a drive that the file has, too.
     """
+
+    views = (DEFAULT_VIEW,)
 
     def __init__(self, path: Path, actuation: Mapping[str, float], stated: SessionInfo) -> None:
         self.path = path
@@ -318,6 +321,7 @@ class _Stated(ClosedAtExit):
     def __init__(self, reader: RecordingReader, actuation: Mapping[str, float], stated: SessionInfo) -> None:
         self.reader, self._actuation = reader, dict(actuation)
         self.path, self.session_info = reader.path, reader.session_info.updated(stated)
+        self.views = reader.views
 
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Returns those of the actuation's ``names`` that have no reading."""

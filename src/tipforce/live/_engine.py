@@ -85,7 +85,11 @@ class Engine:
         self._stop, self._done, self._wake = threading.Event(), threading.Event(), threading.Event()
         same_clock = isinstance(source, _Clocked) and source.clock is self.clock
         self._intake = Intake(
-            estimator.views, self._info, self.settings, same_clock=same_clock, on_fault=self._wake.set
+            estimator.views,
+            self._info,
+            self.settings,
+            same_clock=same_clock,
+            on_fault=self._wake.set,
         )
         self._reader = SourceReader(source, self._intake, self.settings, self.clock, self._stop)
         self._runners: tuple[SinkRunner, ...] = ()
@@ -300,7 +304,8 @@ class Engine:
             self._report.statuses[found.status.value] += 1
             self._report.valid += found.valid
             frames = {view: image for view, image in instant.observation.views.items() if isinstance(image, np.ndarray)}
-            self._publish(found, MappingProxyType(frames), captured_ns, now_ns, self._camera_fault(now_ns))
+            fault = self._camera_fault(now_ns)
+            self._publish(found, MappingProxyType(frames), captured_ns, now_ns, fault, instant.beside)
 
     def _camera_fault(self, now_ns: int) -> Fault | None:
         """Returns the fault of the cameras, with the reason that the source states; None without a fault."""
@@ -402,6 +407,7 @@ class Engine:
         captured_ns: int,
         now_ns: int,
         fault: Fault | None,
+        beside: Mapping[str, Image] = _NO_FRAMES,
     ) -> None:
         if self._over:  # a method that hung returns after the end of the run
             return
@@ -420,6 +426,7 @@ class Engine:
             self._zero.zero,
             self._contact.running,
             self._intake.limit_ns * 1e-9,
+            beside=beside,
         )
         for runner in self._runners:
             runner.offer(self._latest)

@@ -1,6 +1,8 @@
 """Passes the newest images of one instant, with the actuation at it, from the source to the estimator."""
 
+import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +12,7 @@ import numpy as np
 from .._system.arrival_clock import ArrivalClock
 from ..alignment import PAIR_S, Pairing
 from ..io import ActuationSeries
-from ..types import STAGE, Actuation, Event, Frame, Observation, SessionInfo
+from ..types import STAGE, Actuation, Event, Frame, Image, Observation, SessionInfo
 from ._latency import Rate
 from ._settings import LiveSettings
 from ._watchdog import CameraWatch, Fault, worst
@@ -24,6 +26,12 @@ MAX_CLOCK_STEP_NS = 1_000_000_000
 """A jump of the source's clock above this is treated as a delay of the images, which are then stale."""
 MAX_WAITING_FRAMES = 16
 """Largest number of frames that wait for their partners: two thirds of `PAIR_S` at 1 kHz."""
+MAX_EXTRA_WAIT_NS = 80_000_000
+"""A frame waits for `PAIR_S`, and for images that arrive later than its own by at most this time longer."""
+RECENT_DELAYS = 16
+"""The delay of a view is the largest of this number of its last images."""
+MAX_OTHER_VIEWS = 8
+"""The newest images of this number of views that the estimator does not read are kept."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +42,7 @@ class Instant:
         observation: images and actuation, on the source's clock.
         captured_ns: mid-exposure on the engine's clock; the earliest possible time where the driver states a bound.
         run: number that changes when the source's clock restarts.
+        beside: newest images of the views that the estimator does not read, to be shown.
         too_old_s: age of the last reading of each drive whose reading is too old; these drives are absent from
             ``observation``.
     """
@@ -41,6 +50,7 @@ class Instant:
     observation: Observation
     captured_ns: int
     run: int
+    beside: Mapping[str, Image] = field(default_factory=dict[str, Image])
     too_old_s: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
@@ -72,7 +82,8 @@ class Intake:
         self._watches = {view: CameraWatch(view, settings) for view in self._views}
         self._new = threading.Condition()
         self._source: Fault | None = None
-        self._others: deque[str] = deque(maxlen=8)
+        self._beside: dict[str, Image] = {}
+        self._delays_ns = {view: deque[int](maxlen=RECENT_DELAYS) for view in self._views[1:]}
         self._rate = Rate()
         self.frames_in = self.dropped = self.unusable = self._run = 0
         self._begin_run()
@@ -81,7 +92,10 @@ class Intake:
         self._clock = ArrivalClock(MAX_CLOCK_STEP_NS)
         self._series, self._read_ns = ActuationSeries(), dict[str, int]()
         self._pairing = Pairing(self._views)
-        self._waiting: deque[tuple[Frame, int]] = deque(maxlen=MAX_WAITING_FRAMES)
+        self._waiting: deque[tuple[Frame, int, int]] = deque(maxlen=MAX_WAITING_FRAMES)
+        """Frame, mid-exposure on the engine's clock, and the time of the machine's clock until which it waits."""
+        self._newest_ns = 0
+        """Largest stamp of the images so far."""
         self._slot: tuple[Frame, int] | None = None
         self._stamps: dict[str, int] = {}
 
@@ -117,9 +131,13 @@ class Intake:
 
     def take(self, timeout_s: float) -> Instant | None:
         """Returns the newest instant that was not taken yet; None if none comes within ``timeout_s``."""
+        end_s = time.monotonic() + timeout_s
         with self._new:
-            if self._slot is None:
-                self._new.wait(timeout_s)
+            while True:
+                wait_s = min(self._release(), end_s - time.monotonic())
+                if self._slot is not None or wait_s <= 0.0:
+                    break
+                self._new.wait(wait_s)
             taken, self._slot = self._slot, None
             return None if taken is None else self._instant(*taken)
 
@@ -135,8 +153,8 @@ class Intake:
                 return self._source
             faults = [fault for watch in self._watches.values() if (fault := watch.fault(now_ns))]
             found = worst(faults)
-            if found is not None and found.camera == "waiting" and self._others:
-                sent = ", ".join(sorted(self._others))
+            if found is not None and found.camera == "waiting" and self._beside:
+                sent = ", ".join(sorted(self._beside))
                 return Fault("waiting", f"{found.message}; the source sends {sent}")
             return found
 
@@ -169,8 +187,8 @@ class Intake:
     def _add_frame(self, frame: Frame, now_ns: int) -> None:
         view = frame.view
         if view not in self._watches:
-            if view not in self._others:
-                self._others.append(view)
+            if view in self._beside or len(self._beside) < MAX_OTHER_VIEWS:
+                self._beside[view] = frame.image
             return
         good = True
         with self._new:
@@ -192,26 +210,39 @@ class Intake:
             captured_ns -= frame.max_delay_ns
             good = self._watches[view].see(frame.image, frame.stamp_ns, captured_ns, now_ns) == "running"
             if good:
-                self._wait_for_partners(frame, captured_ns)
+                self._wait_for_partners(frame, captured_ns, now_ns)
             else:
                 self.unusable += first
         if not good:
             self._on_fault()
 
-    def _wait_for_partners(self, frame: Frame, captured_ns: int) -> None:
+    def _wait_for_partners(self, frame: Frame, captured_ns: int, now_ns: int) -> None:
         """Holds a frame of the first view until it has its partners, or until no partner can come any more."""
+        delay_ns = now_ns - captured_ns
         if frame.view == self._views[0]:
-            self._waiting.append((frame, captured_ns))
+            others_ns = max((other for each in self._delays_ns.values() for other in each), default=0)
+            extra_ns = min(max(0, others_ns - delay_ns), MAX_EXTRA_WAIT_NS)
+            self._waiting.append((frame, captured_ns, time.monotonic_ns() + _PAIR_NS + extra_ns))
         else:
             self._pairing.add(frame)
-        while self._waiting:
-            stamp_ns = self._waiting[0][0].stamp_ns
-            if not (self._pairing.final_at(stamp_ns) or frame.stamp_ns - stamp_ns > _PAIR_NS):
-                break
-            self.dropped += self._slot is not None
-            self._slot = self._waiting.popleft()
-            self._new.notify()
+            self._delays_ns[frame.view].append(delay_ns)
+        self._newest_ns = max(self._newest_ns, frame.stamp_ns)
+        self._release()
+        self._new.notify()
         self._pairing.forget_before(frame.stamp_ns - KEPT_NS)
+
+    def _release(self) -> float:
+        """Passes the frames on that have their partners or waited long enough; returns the time until the next in s."""
+        now_ns = time.monotonic_ns()
+        while self._waiting:
+            frame, captured_ns, due_ns = self._waiting[0]
+            passed = self._newest_ns - frame.stamp_ns > _PAIR_NS
+            if due_ns > now_ns and not passed and not self._pairing.final_at(frame.stamp_ns):
+                return (due_ns - now_ns) * 1e-9
+            self.dropped += self._slot is not None
+            self._slot = frame, captured_ns
+            self._waiting.popleft()
+        return math.inf
 
     def _instant(self, frame: Frame, captured_ns: int) -> Instant:
         stamp_ns = frame.stamp_ns
@@ -226,4 +257,5 @@ class Intake:
             if age > self._settings.actuation_age_s and known.get(name) != self._constant.get(name)
         }
         current = {name: value for name, value in known.items() if name not in too_old}
-        return Instant(Observation(stamp_ns, views, {**self._constant, **current}), captured_ns, self._run, too_old)
+        observation = Observation(stamp_ns, views, {**self._constant, **current})
+        return Instant(observation, captured_ns, self._run, dict(self._beside), too_old)

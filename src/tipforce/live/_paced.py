@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Self
 
 from ..errors import InputError
-from ..types import Clock, Event, Frame, SessionInfo, Source, SystemClock
+from ..types import Clock, Event, Frame, SessionInfo, Source, SystemClock, views_of
 
 MAX_BEHIND_NS = 50_000_000
 """A reader that is later than this delays the file from then on. A camera would continue; a file waits."""
@@ -34,6 +34,11 @@ class PacedSource:
         self.file, self._loop = source, loop
         self.clock: Clock = clock or SystemClock()
         self._period_ns = None if rate_hz is None else round(1e9 / rate_hz)
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Views of the file."""
+        return views_of(self.file)
 
     @property
     def session_info(self) -> SessionInfo:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ._control_report import control, plot_control, verdict
     from ._copy_recording import copy_recording
     from ._demo import DemoReport, demo
-    from ._estimate import COLUMNS, EstimateReport, check_inputs, estimate, write_estimates
+    from ._estimate import COLUMNS, EstimateReport, estimate, for_source, view_line, write_estimates
     from ._evaluate import EvaluateReport, evaluate, thesis_settings
     from ._fine_tune_locator import (
         FineTuneResult,
@@ -71,7 +71,6 @@ __all__ = [
     "TrainReport",
     "bench_of_regime",
     "calibrate",
-    "check_inputs",
     "control",
     "copy_recording",
     "demo",
@@ -82,6 +81,7 @@ __all__ = [
     "estimate",
     "evaluate",
     "fine_tune_locator",
+    "for_source",
     "import_session",
     "inspect",
     "inspect_frames",
@@ -105,6 +105,7 @@ __all__ = [
     "thesis_settings",
     "train",
     "verdict",
+    "view_line",
     "write_estimates",
     "write_samples",
 ]
@@ -144,8 +145,9 @@ __getattr__, __dir__ = _loaded_on_use(
         "_estimate": (
             "COLUMNS",
             "EstimateReport",
-            "check_inputs",
             "estimate",
+            "for_source",
+            "view_line",
             "write_estimates",
         ),
         "_evaluate": (

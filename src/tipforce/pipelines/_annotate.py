@@ -26,6 +26,7 @@ from ..annotation import (
     choose_frames,
     import_marks,
     uncertainty_of,
+    views_at,
     write_marks,
 )
 from ..errors import InputError
@@ -79,7 +80,7 @@ class AnnotationJob:
         self._bench_file = bench_file
         if detector.exists() and not (detector / FACTS).is_file():
             raise InputError(f"{detector}: exists already and is no detector of a training; choose another folder")
-        self._vision = AnnotateSettings.model_validate(settings or {}).vision
+        self._vision = AnnotateSettings.model_validate(settings or {}).vision.for_views(views_at(path), path)
         self.path, self.detector = path, detector
         self.images = AnnotationImages(path, self._vision.view, session_info_from(bench))
         self.store = AnnotationStore(path, self._vision.view)

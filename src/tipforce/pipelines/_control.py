@@ -9,13 +9,13 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from ..alignment import observations
+from ..alignment import ObservationQueue
 from ..clinical import LIMIT_N, WINDOW_N
 from ..control import LIFTED_LIMIT_N, ControlLoop, ControlSettings, ControlState, ControlTick, Path, SafetyAction
-from ..errors import InputError
-from ..estimators import Estimator, missing_metadata
+from ..estimators import Estimator
 from ..simulation import AnySimulationSettings, LiveSimulation, SimulationSettings
-from ..types import ADVANCE, KNOB, Actuation, Event, FloatArray, ForceEstimate, Frame, Wrench
+from ..types import ADVANCE, KNOB, Actuation, Event, FloatArray, ForceEstimate, Wrench
+from ._estimate import for_source
 
 Regime = Literal["perpendicular", "oblique", "lateral"]
 Drives = Literal["advance", "knob", "both"]
@@ -236,25 +236,15 @@ def _exact(stamp_ns: int, force_n: FloatArray) -> ForceEstimate:
 class _EstimatorFeedback(_Feedback):
     def __init__(self, bench: LiveSimulation, late_ns: int, estimator: Estimator) -> None:
         super().__init__(bench, late_ns)
-        info = bench.source.session_info
-        if missing := missing_metadata(estimator.required_metadata, info):
-            raise InputError(f"{info.name}: {missing}")
-        self._stream = estimator.start(info)
-        self._events: deque[Event] = deque()
-        self._observations = observations(self._arriving(), estimator.views, wait_s=0.0)
-        self._now_ns = 0
-
-    def _arriving(self) -> Iterator[Event]:
-        while True:
-            yield self._events.popleft()
+        estimator = for_source(estimator, bench.source)
+        self._stream = estimator.start(bench.source.session_info)
+        self._queue = ObservationQueue(estimator.views, wait_s=0.0)
 
     def add(self, event: Event, now_ns: int) -> None:
         """See `_Feedback`."""
         if isinstance(event, Wrench) or (isinstance(event, Actuation) and event.stream == "stage"):
             return  # no estimator sees them
-        self._events.append(event)
-        if isinstance(event, Frame):
-            observation = next(self._observations)
+        for observation in self._queue.add(event):
             self._waiting.append((now_ns + self._late_ns, self._stream.update(observation).checked()))
 
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
@@ -30,6 +31,7 @@ from ..io import (
     steady_reading,
 )
 from ..types import (
+    DEFAULT_VIEW,
     KNOB,
     Actuation,
     Event,
@@ -43,6 +45,8 @@ from ..types import (
     Source,
     Status,
     read_bench,
+    views_of,
+    views_text,
 )
 from ..units import newtons_to_grams
 from ..vision import Reasons, VisionSettings, auto_calibrate, bends_against_knob, draw_estimate
@@ -72,6 +76,7 @@ class EstimateReport:
         reasons: reasons of the frames without a valid estimate.
         magnitudes_n: magnitude of each valid estimate in newtons.
         update_s: time of each frame from image to force, without reading it.
+        reads: the views that the method reads, see `view_line`.
     """
 
     contact: ContactSettings = field(default_factory=ContactSettings)
@@ -81,6 +86,7 @@ class EstimateReport:
     reasons: Reasons = field(default_factory=Reasons)
     magnitudes_n: list[float] = field(default_factory=list[float])
     update_s: list[float] = field(default_factory=list[float])
+    reads: str = ""
 
     @property
     def valid(self) -> int:
@@ -115,6 +121,7 @@ class EstimateReport:
             lines += _clinical_lines(self.clinical, self.contact)
         lines += self.reasons.lines(3)
         p50, p99 = np.percentile(self.update_s, [50, 99]) * 1e3
+        lines = [self.reads, *lines] if self.reads else lines
         return "\n".join([*lines, f"image to force: {p50:.2f} ms (p50), {p99:.2f} ms (p99)"])
 
     def figures(self) -> dict[str, Any]:
@@ -168,7 +175,7 @@ def estimate(
     estimator = model if isinstance(model, Estimator) else load_model(model)
     stated = session_info_from(bench)
     with source_of(frames, stated, actuation or {}, frame_rate_hz) as source:
-        check_inputs(estimator, source)
+        estimator = for_source(estimator, source)
         stream = start_stream(estimator, source)
         for observation in observations(source, estimator.views):
             yield stream.update(observation).checked()
@@ -208,20 +215,41 @@ def source_of(frames: Frames, stated: SessionInfo, actuation: Mapping[str, float
     return _Given(frames, stated, {**stated.actuation.constant, **actuation}, frame_rate_hz)
 
 
-def check_inputs(estimator: Estimator, source: Source) -> None:
-    """Checks that a source has the readings and the metadata that a method needs.
+def for_source(estimator: Estimator, source: Source) -> Estimator:
+    """Returns the method for the views of a source, which has the readings and metadata that the method needs.
 
     Args:
         estimator: the fitted method.
-        source: an open source.
+        source: a source.
+
+    Returns:
+        The method; see `Estimator.for_views`.
 
     Raises:
-        InputError: one is missing; the message names it.
+        InputError: a view, a reading or metadata are missing; the message names them.
     """
+    name, there = getattr(source, "path", source.session_info.name), views_of(source)
+    try:
+        estimator = estimator.for_views(there)
+    except InputError as error:
+        advice = f"; state --view {there[0]} to read that one" if estimator.view_setting else ""
+        raise InputError(f"{name}: {error}{advice}") from None
     require_actuation(source, estimator.required_actuation)
     missing = missing_metadata(estimator.required_metadata, source.session_info)
     if missing:
-        raise InputError(f"{getattr(source, 'path', source.session_info.name)}: {missing}")
+        raise InputError(f"{name}: {missing}")
+    return estimator
+
+
+def view_line(estimator: Estimator, source: Source) -> str:
+    """Returns a line on the views that a method reads of a source that has several; empty where it has one.
+
+    Args:
+        estimator: the method, for this source.
+        source: the source.
+    """
+    there = views_of(source)
+    return f"reads {views_text(estimator.views)} of {', '.join(there)}" if len(there) > 1 else ""
 
 
 def start_stream(estimator: Estimator, source: Source) -> Stream:
@@ -282,6 +310,16 @@ class _Given(ClosedAtExit):
         self._frames, self.session_info, self._actuation = frames, info, dict(actuation)
         self._step_ns = round(1e9 / frame_rate_hz)
 
+    @property
+    def views(self) -> set[str]:
+        """The view of the first frame, for which it waits, and where the metadata have this view, theirs too."""
+        frames = iter(self._frames)
+        first = next(frames, None)
+        self._frames = frames if first is None else chain((first,), frames)  # type: ignore[assignment]
+        view = first.view if isinstance(first, Frame) else DEFAULT_VIEW
+        stated = self.session_info.views
+        return {view, *stated} if view in stated else {view}
+
     def __iter__(self) -> Iterator[Event]:
         for number, each in enumerate(self._frames):
             frame = each if isinstance(each, Frame) else Frame(number * self._step_ns, each)
@@ -317,12 +355,12 @@ def write_estimates(
     Raises:
         InputError: ``source`` holds no frame, or lacks readings or metadata that ``estimator`` needs.
     """
-    check_inputs(estimator, source)
+    estimator = for_source(estimator, source)
     view = estimator.views[0]
     total, names = frame_count(source, view), file_names(source, view)
     stream = start_stream(estimator, source)
     monitor = ContactMonitor(contact)
-    report, first_ns = EstimateReport(monitor.settings), 0
+    report, first_ns = EstimateReport(monitor.settings, reads=view_line(estimator, source)), 0
     with ExitStack() as stack:
         table = stack.enter_context(atomic_text(forces)) if isinstance(forces, Path) else forces
         video = stack.enter_context(_Overlay(overlay, view, full_scale_n)) if overlay else None

@@ -126,7 +126,7 @@ def evaluate(
             "init_from out"
         )
     methods = methods_from(names, chosen, None if init_from is None else str(init_from))
-    dataset = data_of(data, session_info_from(bench))
+    dataset = data_of(data, session_info_from(bench), [method.as_it_comes or method.estimator for method in methods])
     report = progress or no_progress
     where = executor_of(executor)
     true_n = None if truth is None else truth_at(dataset, _truths(truth))

@@ -226,9 +226,9 @@ def missing_for_training(summary: RecordingSummary, guide: Guide | None = None) 
 def _not_detected(path: Path) -> str:
     """Returns why the catheter is not found in most images, or empty."""
     with RecordingReader(path) as reader:
-        view = reader.views[0]
-        images = spread_images(reader, view)
-        detector = SessionDetector(VisionSettings(view=view), reader.session_info, images)
+        vision = VisionSettings().for_views(reader.views, path)
+        images = spread_images(reader, vision.view)
+        detector = SessionDetector(vision, reader.session_info, images)
         shapes = [detector.detect(image) for image in images]
     share = sum(shape.centreline is not None for shape in shapes) / len(shapes)
     if share < _DETECTED:

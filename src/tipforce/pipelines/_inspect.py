@@ -7,7 +7,7 @@ from typing import Any
 
 from ..datasets import dataset_at, describe_dataset, session_images
 from ..io import is_image
-from ..types import SessionInfo
+from ..types import SessionInfo, views_text
 from ..vision import InspectSettings
 from ._estimate import session_info_from
 from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
@@ -43,15 +43,18 @@ def inspect(
     vision, features = chosen.vision, chosen.features
     dataset = dataset_at(path)
     if dataset is not None:
+        vision = vision.for_views(dataset.views, path)
         lines, facts = describe_dataset(dataset)
         shared = replace(stated, name="")
         shown = (
             (info.updated(shared), beforehand, images)
-            for info, beforehand, images in session_images(dataset, vision.view, str(path), every)
+            for info, beforehand, images in session_images(dataset, vision.view, every)
         )
         result = inspect_sessions(
             shown, vision, features, title=str(path), room=drawn, progress=progress, total=-(-len(dataset) // every)
         )
+        if len(dataset.views) > 1:
+            lines.append(f"{views_text([vision.view])} of {', '.join(dataset.views)}")
         return replace(
             result, text="\n".join([*lines, result.text]), figures={"file": str(path), **facts, **result.figures}
         )

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..datasets import file_names
 from ..errors import InputError
-from ..io import RecordingReader, frame_count, images_beforehand, open_source, read_image
-from ..types import DetectedShape, Frame, Image, SessionInfo, Source
+from ..io import frame_count, images_beforehand, open_source, read_image
+from ..types import DetectedShape, Frame, Image, SessionInfo, Source, views_of
 from ..vision import (
     Candidate,
     ClassicDetector,
@@ -123,6 +123,7 @@ def inspect_frames(
     """
     tally, first = Tally(room), None
     with open_source(path, stated=stated) as source:
+        vision = vision.for_views(views_of(source), path)
         total, names = frame_count(source, vision.view), file_names(source, vision.view)
         info, images = source.session_info, images_beforehand(source, vision.view)
         detector = SessionDetector(vision, info, images)
@@ -136,7 +137,7 @@ def inspect_frames(
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
-        raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it{_views_in(path)}")
+        raise InputError(f"{path}: there is no frame of the view {vision.view!r} in it")
     resolved = detector.vision
     figures = {"file": str(path), "every": every, **tally.figures(), "vision": resolved.model_dump()}
     result = InspectionResult(
@@ -291,14 +292,6 @@ def _above(drawing: Image, sheet: Image) -> Image:
     both[4 : 4 + small.shape[0], 4 : 4 + small.shape[1]] = small
     both[4 + small.shape[0] :, : sheet.shape[1]] = sheet
     return both
-
-
-def _views_in(path: Path) -> str:
-    if path.suffix != ".mcap":
-        return ""
-    with RecordingReader(path) as reader:
-        views = reader.views
-    return f"; there is {', '.join(views)}: set vision.view={views[0]}" if views else ""
 
 
 def _frames(source: Source, view: str) -> Iterator[Frame]:

@@ -31,7 +31,7 @@ from ..types import (
 )
 from ..units import newtons_to_grams
 from ._control import bench_of_regime, path_of_drives
-from ._estimate import check_inputs
+from ._estimate import for_source
 from ._live_control import HoldSettings, LiveControl
 from ._live_page import LivePage, PageAddress
 from ._simulate import preset_settings
@@ -292,7 +292,7 @@ def live(
     """
     settings = settings or LiveSettings()
     hold = settings.hold if isinstance(settings, LiveRunSettings) else None
-    check_inputs(estimator, source.file if isinstance(source, PacedSource) else source)
+    estimator = for_source(estimator, source.file if isinstance(source, PacedSource) else source)
     if isinstance(source, PacedSource):
         settings = settings.model_copy(update={"max_reconnects": 0})
     clock = getattr(source, "clock", None) or SystemClock()

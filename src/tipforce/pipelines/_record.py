@@ -30,7 +30,20 @@ from ..alignment import (
 )
 from ..errors import InputError, TimeError, TipforceError
 from ..io import ClockMap, Fact, RecordingWriter, check_target
-from ..types import STAGE, Clock, Event, FloatArray, Frame, Image, IntArray, SensorInfo, SessionInfo, Source, Wrench
+from ..types import (
+    STAGE,
+    Clock,
+    Event,
+    FloatArray,
+    Frame,
+    Image,
+    IntArray,
+    SensorInfo,
+    SessionInfo,
+    Source,
+    Wrench,
+    ordered_views,
+)
 from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate, with_advice
 from ._summary import RecordingSummary, summarise_recording
 
@@ -458,7 +471,7 @@ class _Run:
 
 
 class _RunDetector:
-    """Detects the catheter in each frame of one view: the requested view, or else the one that comes first."""
+    """Detects the catheter in each frame of one view, see `VisionSettings.for_views`."""
 
     def __init__(self, info: SessionInfo, settings: VisionSettings) -> None:
         self._context, self._settings = info, settings
@@ -487,10 +500,11 @@ class _RunDetector:
         head, self._head = self._head, None
         if head is None:
             return
-        if self.view not in self._counts:
-            self.view = next((frame.view for frame in head), self.view)
-        images = [frame.image for frame in head if frame.view == self.view][::_EVERY]
+        images: list[Image] = []
         try:
+            self._settings = self._settings.for_views(ordered_views(self._counts), self._context.name)
+            self.view = self._settings.view
+            images = [frame.image for frame in head if frame.view == self.view][::_EVERY]
             self._detect = self._calibrated(images)
         except InputError as error:  # the recording is worth having without its clock map
             self.blind = with_advice(error, self._settings, images, self._context, whole=False)

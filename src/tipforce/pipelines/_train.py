@@ -143,8 +143,8 @@ def _train_here(asked: _Asked, progress: Progress | None) -> tuple[Estimator, Ma
     method = create(asked.estimator, asked.settings)
     check_target(output, overwrite=asked.overwrite)
     start = load_initial_model(method, None if asked.init_from is None else str(asked.init_from), resume=resume)
-    dataset = without_sessions(data_of(asked.data, asked.stated), asked.without)
-    apart = None if asked.calibrate is None else data_of(asked.calibrate, asked.stated)
+    dataset = without_sessions(data_of(asked.data, asked.stated, [method]), asked.without)
+    apart = None if asked.calibrate is None else data_of(asked.calibrate, asked.stated, [method])
     with run_directory(method, output, resume=resume) as folder:
         done = fit(
             method, dataset, samples=asked.samples, holdout=asked.holdout,
@@ -175,18 +175,22 @@ def _train_there(asked: _Asked, item: int, step: Callable[[], None]) -> tuple[Ma
     return metrics, remarks
 
 
-def data_of(data: Data, stated: SessionInfo | None = None) -> Dataset:
+def data_of(data: Data, stated: SessionInfo | None = None, methods: Sequence[Estimator] = ()) -> Dataset:
     """Joins data to one dataset.
 
     Args:
         data: one or several datasets, or their paths.
         stated: metadata that replace those of the data.
+        methods: the methods that use the data; where all state the same first view, its frames are the samples of a
+            recording: the views may be exposed at different times.
 
     Returns:
         The samples with their metadata.
     """
     parts = [data] if isinstance(data, str | Path | Dataset) else list(data)
-    dataset = join([part if isinstance(part, Dataset) else open_dataset(part) for part in parts])
+    first = {method.views[0] if method.view_is_stated else None for method in methods}
+    view = first.pop() if len(first) == 1 else None
+    dataset = join([part if isinstance(part, Dataset) else open_dataset(part, view) for part in parts])
     if stated is None or stated == SessionInfo():
         return dataset
     shared = replace(stated, name="")

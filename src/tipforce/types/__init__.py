@@ -33,10 +33,12 @@ from ._session import (
 from ._shape import BasePose, CentrelinePx, DetectedShape
 from ._status import Status
 from ._streams import JOINTS, STAGE, Actuation, Event, Frame, Observation, ShapeFeatures, View, Wrench
+from ._views import DEFAULT_VIEW, chosen_view, missing_views, ordered_views, views_of, views_text
 
 __all__ = [
     "ADVANCE",
     "BASE_SIDES",
+    "DEFAULT_VIEW",
     "FORCE_RANGE",
     "JOINTS",
     "KNOB",
@@ -86,10 +88,15 @@ __all__ = [
     "actuation_range",
     "bench_text",
     "bench_values",
+    "chosen_view",
     "edited_bench",
     "frozen",
     "info_from_facts",
     "merged_values",
+    "missing_views",
+    "ordered_views",
     "read_bench",
     "refuse_unknown",
+    "views_of",
+    "views_text",
 ]

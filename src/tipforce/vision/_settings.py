@@ -1,11 +1,13 @@
 """Settings of the centreline detection; saved with every estimator, the same in training and live."""
 
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InputError
-from ..types import Box
+from ..types import DEFAULT_VIEW, Box, chosen_view
 
 Polarity = Literal["auto", "dark", "light"]
 BaseSide = Literal["auto", "left", "right", "top", "bottom"]
@@ -29,8 +31,8 @@ class VisionSettings(BaseModel):
     that the settings leave open. `classic`: thesis algorithm 1 to the letter, for a dark catheter on a light even
     ground with nothing else in view: it finds the shape in 165 of 165 frames of the simulated `thesis-2021-plain` and
     in 0 of 165 of `bench-2021`. On all other images method 1 uses `auto`."""
-    view: str = "camera"
-    """Which view of an observation to use."""
+    view: str = DEFAULT_VIEW
+    """The view of the data that is used; where this default is not among them and no other is stated, the first one."""
     polarity: Polarity = "auto"
     """Catheter darker or lighter than the ground."""
     base_side: BaseSide = "auto"
@@ -61,6 +63,23 @@ class VisionSettings(BaseModel):
     least_probability: Annotated[float, Field(ge=0, le=1)] = 0.8
     """A frame whose centreline is right with less probability is refused, where the length of the catheter was learnt
     in images of its session. 0: none is."""
+
+    def for_views(self, there: Iterable[str], where: Path | str) -> "VisionSettings":
+        """Returns the settings for data, with the view that the rule of `chosen_view` gives.
+
+        Args:
+            there: views of the data, the first one first; empty where they are not known.
+            where: the data, for the message.
+
+        Raises:
+            InputError: the view was stated, and the data do not have it.
+        """
+        names = tuple(there)
+        try:
+            view = chosen_view(self.view, names, stated="view" in self.model_fields_set)
+        except InputError as error:
+            raise InputError(f"{where}: {error}: for example vision.view={names[0]}") from None
+        return self.model_copy(update={"view": view})
 
 
 class LocatorPrior(BaseModel):
@@ -138,6 +157,10 @@ class ResolvedVision(BaseModel):
             length_px=settings.length_px,
             length_tolerance=settings.length_tolerance,
         )
+
+    def reading(self, view: str) -> "ResolvedVision":
+        """Returns the same values for another view."""
+        return self.model_copy(update={"settings": self.settings.model_copy(update={"view": view})})
 
     @property
     def method(self) -> Literal["auto", "tracer", "classic"]:

@@ -22,7 +22,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tipforce.errors import InputError
 from tipforce.live.server import PageServer, PageSettings, serve
-from tipforce.live.server._messages import EncodedUpdate
+from tipforce.live.server._messages import GAP_PX, EncodedUpdate
 from tipforce.live.server._session import PageSession
 from tipforce.types import Image, SessionInfo, Status
 
@@ -167,18 +167,34 @@ def test_an_image_is_scaled_to_what_the_page_asks_for_and_never_enlarged(
     assert (np.abs(shown[10, -10].astype(int) - [0, 0, 255]) < 12).all()
 
 
-def test_the_page_chooses_among_views_and_a_view_that_is_gone_gives_the_first(
+def test_the_page_chooses_among_views_and_gets_all_side_by_side_where_it_chooses_none(
     server: PageServer, publisher: Publisher, image: Image
 ) -> None:
     with opened(server) as client:
-        for wanted, got in (("b", "b"), ("gone", "a")):
+        for wanted, got, width in (("b", "b", 320), ("", "", 320 + GAP_PX + 768)):
             client.send(command="display", view=wanted, width_px=320)
             client.send(command="ping", sent_ms=1.0)
             client.text()
             publisher.put(views={"a": image, "b": image[:100]})
             number, values, _ = client.frame()
-            assert (values["view"], values["views"]) == (got, ["a", "b"])
+            assert (values["view"], values["views"], values["read"]) == (got, ["a", "b"], ["a", "b"])
+            assert values["size"][0] == width
+            begins = [panel["begins_px"] for panel in values["panels"]]
+            assert begins == ([] if got else [0, 320 + GAP_PX])
             client.ack(number)
+
+
+def test_a_view_that_the_method_does_not_read_is_shown_beside(
+    server: PageServer, publisher: Publisher, image: Image
+) -> None:
+    with opened(server) as client:
+        publisher.put(views={"b": image}, beside={"a": np.dstack([image] * 3)})
+        _, values, jpeg = client.frame()
+    assert (values["views"], values["read"], values["view"]) == (["b", "a"], ["b"], "")
+    assert [panel["view"] for panel in values["panels"]] == ["b", "a"]
+    assert (
+        cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape[1] == 640
+    )  # the width that pages begin with
 
 
 def test_an_invalid_update_holds_no_number_and_a_notice_no_image(server: PageServer, publisher: Publisher) -> None:

@@ -123,7 +123,13 @@ class Publisher:
         self._monitor = ContactMonitor()
 
     def update(
-        self, estimate: ForceEstimate, *, age_s: float = 0.0, image: Image | None = None, views: Any = None
+        self,
+        estimate: ForceEstimate,
+        *,
+        age_s: float = 0.0,
+        image: Image | None = None,
+        views: Any = None,
+        beside: Any = None,
     ) -> LiveUpdate:
         now = CLOCK.now_ns()
         frames = {"camera": self.image if image is None else image} if views is None else views
@@ -131,6 +137,7 @@ class Publisher:
         return LiveUpdate(
             self.number, estimate, self._monitor.update(estimate), frames, now - round(age_s * 1e9), now,
             LiveHealth(20.0, self.number, 0, 0.012, 0.015, "running"), self.zero,
+            beside=beside or {},
         )  # fmt: skip
 
     def put(self, force_n: float = 0.2, **more: Any) -> int:

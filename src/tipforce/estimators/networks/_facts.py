@@ -1,5 +1,7 @@
 """Facts of a fitted network, and the same in words."""
 
+from typing import Self
+
 from pydantic import Field
 
 from ...training import TrainingFacts, duration_text
@@ -33,6 +35,25 @@ class NetworkTraining(TrainingFacts, frozen=True):
     error_growth_in_8_bits: float | None = None
     fine_tuned_from: str | None = None
     trained_on: tuple[str, ...] = ()
+
+    def for_view(self, old: str, new: str) -> Self:
+        """Returns the facts of the same network for another view.
+
+        Args:
+            old: name of the view in the keys of the metadata.
+            new: its new name.
+        """
+        before, after = f"views.{old}.", f"views.{new}."
+
+        def renamed(keys: tuple[str, ...]) -> tuple[str, ...]:
+            return tuple(after + key.removeprefix(before) if key.startswith(before) else key for key in keys)
+
+        return self.model_copy(
+            update={
+                "required_metadata": renamed(self.required_metadata),
+                "known_metadata": renamed(self.known_metadata),
+            }
+        )
 
 
 class NetworkFacts(NetworkTraining, ModelFacts, frozen=True):

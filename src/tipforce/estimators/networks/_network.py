@@ -81,6 +81,8 @@ class NetworkEstimator(FineTunable):
     which derive from `TrainConfig` and have ``view``, ``actuation`` and ``components``.
     """
 
+    view_setting = "view"
+
     input_text: ClassVar[str] = "the whole image"
     """The image input in a few words."""
 
@@ -386,6 +388,14 @@ class NetworkEstimator(FineTunable):
     def views(self) -> tuple[str, ...]:
         """The view of the settings."""
         return (self.settings.view,)
+
+    def reading(self, view: str) -> Self:
+        """Returns this method for another view; see `Estimator.reading`."""
+        made = super().reading(view)
+        if made.fitted_ is not None:
+            facts = made.fitted_.facts.for_view(self.settings.view, view)
+            made.fitted_ = replace(made.fitted_, facts=facts)
+        return made
 
     @property
     def run_files(self) -> frozenset[str]:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from ...training import Augmentation, Batch, ClipNorm, Epochs, Rate, TrainConfig, WarmupEpochs, WeightDecay
+from ...types import DEFAULT_VIEW
 from ._image_input import WINDOW_LENGTHS
 
 
@@ -25,8 +26,8 @@ class NetworkSettings(TrainConfig):
             update={name: value for name, value in self.fine_tuning.items() if name not in self.model_fields_set}
         )
 
-    view: str = "camera"
-    """Name of the camera view."""
+    view: str = DEFAULT_VIEW
+    """The view that is used; where this default is not in the data and no other is stated, the first one."""
     bits: Literal[32, 8] = 32
     """8: the graph is quantised to 8 bits, two to four times faster, if its validation error grows by less than 5 %;
     else the model runs in 32 bits, with a warning."""

@@ -143,6 +143,13 @@ class RodModelEstimator(CentrelineEstimator):
         super().__init__(settings)
         self.fitted_: _Fitted | None = None
 
+    def reading(self, view: str) -> Self:
+        """Returns this method for another view; see `Estimator.reading`."""
+        made = super().reading(view)
+        if made.fitted_ is not None and made.fitted_.vision is not None:
+            made.fitted_ = replace(made.fitted_, vision=made.fitted_.vision.reading(view))
+        return made
+
     @property
     def required_metadata(self) -> tuple[str, ...]:
         """The rod's length, the scale, and the stiffness unless a setting or training gave it."""

@@ -108,6 +108,13 @@ class ShapeRegressor(CentrelineEstimator):
         super().__init__(settings)
         self.fitted_: FittedRegressor | None = None
 
+    def reading(self, view: str) -> Self:
+        """Returns this method for another view; see `Estimator.reading`."""
+        made = super().reading(view)
+        if made.fitted_ is not None and made.fitted_.vision is not None:
+            made.fitted_ = replace(made.fitted_, vision=made.fitted_.vision.reading(view))
+        return made
+
     def learn(self, features: FloatArray, force_n: FloatArray) -> Any:
         """Learns from a table; a method that overrides `train` needs none.
 

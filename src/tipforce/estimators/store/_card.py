@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from ...types import DEFAULT_VIEW, views_text
 from .._base import Estimator
 from .._facts import ModelFacts, count_of
 
@@ -46,7 +47,10 @@ def model_card(estimator: Estimator, manifest: Mapping[str, Any]) -> str:
         "",
         "## Inputs",
         "",
-        f"{inputs}Forces are in newtons, on the axes: {_axes(manifest['frame_of_forces'])}.",
+        (
+            f"{inputs}It reads {views_text(estimator.views)}. Forces are in newtons, on the axes: "
+            f"{_axes(manifest['frame_of_forces'])}."
+        ),
         "",
         "## Accuracy",
         "",
@@ -122,8 +126,9 @@ def training_lines(estimator: Estimator, manifest: Mapping[str, Any]) -> list[st
         f"Learnt from {_samples_text(training['samples'], facts)} of {training['title']} "
         f"({count_of(len(training['sessions']), 'session')})"
     )
+    read = "" if estimator.views == (DEFAULT_VIEW,) else f", {views_text(estimator.views)}"
     lines = [
-        f"{learnt}, {summary.short_inputs}" if summary.short_inputs else learnt,
+        (f"{learnt}, {summary.short_inputs}" if summary.short_inputs else learnt) + read,
         *(f"  {line}" for line in summary.training),
         *([f"  interval from: {facts.interval_basis}"] if facts.interval_basis else []),
     ]

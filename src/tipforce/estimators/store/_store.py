@@ -148,13 +148,22 @@ def _manifest(
     }
 
 
-def load_model(folder: str | Path) -> Estimator:
-    """Returns the estimator in ``folder``: a path, ``pretrained/NAME``, or the name of a method that needs no fit.
+def load_model(folder: str | Path, view: str | None = None) -> Estimator:
+    """Returns the estimator in ``folder``.
+
+    Args:
+        folder: a path, ``pretrained/NAME``, or the name of a method that needs no fit.
+        view: the view that it shall read, in place of its own.
 
     Raises:
+        InputError: a view is stated for a method that does not read one.
         ModelError: a file is missing or altered, the model is newer than this program, or its method is unknown.
     """
-    folder = located(folder)
+    found = _loaded(located(folder))
+    return found if view is None else found.reading(view)
+
+
+def _loaded(folder: Path) -> Estimator:
     named = ESTIMATORS.get(str(folder))
     if named is not None and not named.needs_fit and not (folder / MANIFEST).exists():
         return named()
@@ -171,7 +180,10 @@ def load_model(folder: str | Path) -> Estimator:
                 check_graph_file(files[name], name)
                 if folder.parent != PRETRAINED:
                     try_graph(folder / name)
-        return ESTIMATORS[manifest["method"]].from_state(manifest["settings"], manifest["state"], arrays, files)
+        kind, settings = ESTIMATORS[manifest["method"]], manifest["settings"]
+        if folder.parent == PRETRAINED:  # for every bench, so no view is chosen
+            settings = {key: value for key, value in settings.items() if key != kind.view_setting}
+        return kind.from_state(settings, manifest["state"], arrays, files)
     except _UNFIT as error:
         held = ", ".join([MANIFEST, ARRAYS, *files])
         raise ModelError(

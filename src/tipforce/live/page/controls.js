@@ -82,7 +82,7 @@ export class Controls {
     $("set-limits").disabled = lost || !state.can_set_limits;
     const views = values?.views ?? [];
     $("switch-view").hidden = views.length < 2;
-    if (views.length > 1) say($("switch-view"), values.view);
+    if (views.length > 1) say($("switch-view"), values.view || "all");
   }
 
   #refreshZero(zero) {
@@ -143,7 +143,8 @@ export class Controls {
 
   #nextView() {
     const views = this.#app.update?.values.views ?? [];
-    if (views.length > 1) this.#app.view = views[(views.indexOf(this.#app.update.values.view) + 1) % views.length];
+    const shown = ["", ...views]; // "": all views side by side
+    if (views.length > 1) this.#app.view = shown[(shown.indexOf(this.#app.update.values.view) + 1) % shown.length];
   }
 
   #theme(name) {

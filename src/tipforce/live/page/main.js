@@ -212,8 +212,8 @@ function showSums() {
   if (warning) set("warning", `⚠ ${warning}`);
   $("simulated").hidden = !app.state.simulated;
   const views = values?.views ?? [];
-  $("view-name").hidden = views.length < 2;
-  set("view-name", values?.view ?? "");
+  $("view-name").hidden = views.length < 2 || !values.view;
+  set("view-name", values?.read.includes(values.view) ? values.view : `${values?.view}, not read`);
 }
 
 function tick() {

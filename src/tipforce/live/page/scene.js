@@ -55,8 +55,14 @@ export class Scene {
     context.imageSmoothingQuality = "high";
     context.drawImage(bitmap, left, top, scale * bitmap.width, scale * bitmap.height);
     const { values, limitN } = this.#last;
-    if (!values.size || !values.shape || values.view !== values.views[0]) return;
+    if (!values.size) return;
     const perPixel = (scale * bitmap.width) / values.size[0];
+    const size = 15 * Math.max(1, Math.min(width, height) / 480);
+    for (const { view, begins_px } of values.panels) {
+      const text = values.read.includes(view) ? view : `${view}, not read`;
+      write(context, text, left + perPixel * begins_px + 0.6 * size, top + size, TIP, size, "left");
+    }
+    if (!values.shape || (values.view && values.view !== values.views[0])) return;
     // Pixel centres are at integers, so the image begins half a pixel before 0.
     const at = ([u, v]) => [left + perPixel * (u + 0.5), top + perPixel * (v + 0.5)];
     context.save();
@@ -149,9 +155,9 @@ function arrow(context, tail, head, colour, width) {
   }
 }
 
-function write(context, text, x, y, colour, pixels) {
+function write(context, text, x, y, colour, pixels, align = "center") {
   context.font = font(pixels, 700);
-  context.textAlign = "center";
+  context.textAlign = align;
   context.textBaseline = "middle";
   context.lineWidth = pixels / 4;
   context.strokeStyle = RIM;

@@ -12,14 +12,16 @@ A binary message is a header of 36 bytes, little endian, then JSON (UTF-8), then
         28     4  uint32  bytes of the JSON
         32     4  uint32  bytes of the JPEG; 0: there is no image
 
-A number that is not known is null in the JSON. Coordinates are in pixels of the camera's image, u right, v down, also
-if the JPEG has another size.
+A number that is not known is null in the JSON. Coordinates are in pixels of the image of the first view, u right, v
+down, also if the JPEG has another size. Several views are sent side by side, the first one at the left, unless the page
+chooses one; ``panels`` states the column at which each begins.
 """
 
 import json
 import struct
 import threading
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -42,8 +44,13 @@ CENTRELINE_POINTS = 64
 Point = tuple[float, float | None, float | None, float | None]
 """Point of the trace: mid-exposure in ms on the engine's clock, force and its interval in N; None if not valid."""
 
+ALL_VIEWS = ""
+"""In place of the name of a view: all views side by side."""
+GAP_PX = 8
+"""Columns between two views."""
+
 Wanted = tuple[str, int]
-"""View, and width of the image in pixels."""
+"""View or `ALL_VIEWS`, and width of the image in pixels."""
 
 
 def display_width(pixels: int) -> int:
@@ -82,29 +89,36 @@ class EncodedUpdate:
         """Returns the binary message with the image of ``view``.
 
         Args:
-            view: name of the view; if the update does not have it, the first view is sent.
+            view: name of the view; if the update does not have it, all views are sent, side by side.
             pixels: requested width of the image; the image is never enlarged.
         """
-        view, image = self._view(view)
+        view, image, about = self._view(view)
         wanted = (view, 0 if image is None else min(display_width(pixels), image.shape[1]))
         with self._lock:
             if wanted not in self._messages:
-                self._messages[wanted] = self._encode(image, wanted)
+                self._messages[wanted] = self._encode(image, wanted, about)
             return self._messages[wanted]
 
-    def _view(self, name: str) -> tuple[str, Image | None]:
-        frames = self.update.frames
-        if not frames:
-            return "", None
-        view = name if name in frames else next(iter(frames))
-        return view, frames[view]
+    def _view(self, name: str) -> tuple[str, Image | None, dict[str, Any]]:
+        """Returns what is shown: the name of one view or `ALL_VIEWS`, the image, and the panels in it."""
+        frames = {**self.update.frames, **self.update.beside} if self.update.frames else {}
+        if name in frames or len(frames) < 2:
+            view = name if name in frames else next(iter(frames), "")
+            return view, frames.get(view), {"views": list(frames), "panels": []}
+        image, begins_px = self._side_by_side
+        panels = [{"view": view, "begins_px": at} for view, at in zip(frames, begins_px, strict=True)]
+        return ALL_VIEWS, image, {"views": list(frames), "panels": panels}
 
-    def _encode(self, image: Image | None, wanted: Wanted) -> bytes:
+    @cached_property
+    def _side_by_side(self) -> tuple[Image, list[int]]:
+        return side_by_side([*self.update.frames.values(), *self.update.beside.values()])
+
+    def _encode(self, image: Image | None, wanted: Wanted, about: dict[str, Any]) -> bytes:
         jpeg = b"" if image is None else _jpeg(image, wanted[1], self._quality)
         if self._numbers is None:
             values = update_values(self.update) | {"recent": self._recent}
             self._numbers = json.dumps(values, separators=(",", ":"), allow_nan=False).encode()
-        about = {"view": wanted[0], "size": None if image is None else [image.shape[1], image.shape[0]]}
+        about |= {"view": wanted[0], "size": None if image is None else [image.shape[1], image.shape[0]]}
         numbers = self._numbers[:-1] + b"," + json.dumps(about, separators=(",", ":")).encode()[1:]
         update = self.update
         header = HEADER.pack(
@@ -112,6 +126,33 @@ class EncodedUpdate:
             len(numbers), len(jpeg),
         )  # fmt: skip
         return header + numbers + jpeg
+
+
+def side_by_side(images: Sequence[Image]) -> tuple[Image, list[int]]:
+    """Puts images beside each other.
+
+    Args:
+        images: at least one, (h, w) grey or (h, w, 3) RGB; the others are scaled to the height of the first.
+
+    Returns:
+        One image, of colour if any is, and the column at which each begins. The first keeps its size.
+    """
+    height = images[0].shape[0]
+    colour = any(image.ndim == 3 for image in images)
+    parts: list[Image] = []
+    begins_px: list[int] = []
+    for image in images:
+        width = max(1, round(image.shape[1] * height / image.shape[0]))
+        part = image
+        if image.shape[0] != height:
+            part = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        if colour and part.ndim == 2:
+            part = np.repeat(part[:, :, None], 3, axis=2)
+        if parts:
+            parts.append(np.zeros((height, GAP_PX, *part.shape[2:]), np.uint8))
+        begins_px.append(sum(each.shape[1] for each in parts))
+        parts.append(part)
+    return np.concatenate(parts, axis=1), begins_px
 
 
 def _jpeg(image: Image, width: int, quality: int) -> bytes:
@@ -154,7 +195,7 @@ def update_values(update: LiveUpdate) -> dict[str, Any]:
         "integral_running": update.integral_running,
         "zero": None if update.zero is None else _zero(update.zero, update.published_ns),
         "shape": None if estimate.shape is None else _shape(estimate.shape),
-        "views": list(update.frames),
+        "read": list(update.frames),
         "health": _health(update),
     }
 
