@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tipforce.alignment import PAIR_S
 from tipforce.clinical import ContactSettings
 from tipforce.live import LiveSettings
 from tipforce.live._intake import Intake
@@ -308,6 +309,69 @@ def test_views_of_one_instant_come_together_and_a_lost_partner_does_not_stop_the
     assert set(taken.take(0.0).observation.views) == {"a"}
     fault = taken.fault(11 * 33 * MS)
     assert (fault.camera, "view b" in fault.message) == ("late", True)
+
+
+def test_a_frame_waits_no_longer_for_a_partner_than_two_images_may_differ():
+    taken = intake(("a", "b"))
+    for view in ("a", "b"):
+        taken.add(Frame(0, image(0), view), 0)
+    assert set(taken.take(0.0).observation.views) == {"a", "b"}
+    taken.add(Frame(66 * MS, image(1), "a"), 66 * MS)  # its partner was dropped
+    began_s = time.monotonic()
+    assert set(taken.take(5.0).observation.views) == {"a"}
+    assert time.monotonic() - began_s < 1.0
+
+
+def test_a_view_whose_images_always_arrive_late_is_waited_for():
+    taken = intake(("a", "b"))
+    late_ns = round(2.5 * PAIR_S * 1e9)
+    taken.add(Frame(0, image(0), "a"), 0)
+    taken.add(Frame(0, image(0), "b"), late_ns)
+    taken.take(0.0)
+    taken.add(Frame(66 * MS, image(1), "a"), 66 * MS)
+    threading.Timer(1.5 * PAIR_S, lambda: taken.add(Frame(66 * MS, image(1), "b"), 66 * MS + late_ns)).start()
+    assert set(taken.take(5.0).observation.views) == {"a", "b"}
+
+
+def test_views_that_are_exposed_in_turn_are_not_one_instant():
+    taken = intake(("a", "b"))
+    for number in range(4):
+        taken.add(Frame(number * 66 * MS, image(number), "a"), number * 66 * MS)
+        taken.add(Frame((number * 66 + 30) * MS, image(number), "b"), (number * 66 + 30) * MS)
+        assert set(taken.take(0.0).observation.views) == {"a"}
+
+
+def test_the_newest_image_of_a_view_that_is_not_read_is_kept_to_be_shown():
+    taken = intake(("a",))
+    for number in (1, 2):
+        taken.add(Frame(number * MS, image(number), "b"), number * MS)
+    taken.add(Frame(3 * MS, image(3), "a"), 3 * MS)
+    found = taken.take(0.0)
+    assert set(found.observation.views) == {"a"}
+    assert found.beside["b"][0, 0] == 2
+
+
+class LosesA(Camera):
+    """Two views; of one nothing comes after ten images."""
+
+    def __iter__(self):
+        for event in super().__iter__():
+            if event.view != "a" or self.number <= 10:
+                yield event
+
+
+@pytest.mark.parametrize("read", ["a", "b"])
+def test_a_view_that_is_lost_ends_the_force_of_the_method_that_reads_it_alone(engine, read):
+    method, notes = Method(), Notes()
+    method.wanted_views = (read,)
+    engine(LosesA(80, views=("a", "b")), method, notes).run()
+    last = [each.estimate for each in notes.updates if each.health.camera != "lost" or each.estimate.valid][-1]
+    if read == "b":
+        assert last.valid
+        assert set(notes.updates[-3].beside) <= {"a"}
+    else:
+        assert (last.valid, last.status) == (False, Status.STALE)
+        assert "the last image of the view a is" in last.detail
 
 
 def test_a_source_on_another_clock_is_mapped_by_its_smallest_delay():

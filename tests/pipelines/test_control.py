@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ import pytest
 from tipforce.control import ControlSettings
 from tipforce.errors import InputError
 from tipforce.pipelines import ControlSession, bench_of_regime, control, live_bench
+from tipforce.pipelines._control import _EstimatorFeedback
 from tipforce.simulation import PRESETS
+from tipforce.types import ForceEstimate, Frame, Observation, SessionInfo, Status
 
 FILES = ("control.csv", "control.json", "control.svg", "recording.mcap", "report.html")
 # PI holds without learning: eight seconds suffice.
@@ -69,3 +72,42 @@ def test_the_benchmark_states_the_motion_and_leaves_the_rest() -> None:
     assert world.wall.friction == preset.world.wall.friction
     assert motion.lateral_share == preset.world.motion.lateral_share
     assert made.preset != preset.preset
+
+
+class TwoViews:
+    """A bench whose images of two views come 1 ms after one another."""
+
+    session_info = SessionInfo("two views")
+    views = ("a", "b")
+
+
+class Notes:
+    """A method that keeps its observations; its frame rate is that of its first view."""
+
+    required_actuation = required_metadata = ()
+
+    def __init__(self, *views: str) -> None:
+        self.views, self.seen = views, []
+
+    def for_views(self, there: tuple[str, ...]) -> "Notes":
+        return self
+
+    def start(self, info: SessionInfo) -> "Notes":
+        return self
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        self.seen.append(observation)
+        return ForceEstimate.invalid(observation.stamp_ns, Status.STALE, "")
+
+
+@pytest.mark.parametrize(("views", "seen"), [(("b",), {"b"}), (("a",), {"a"}), (("a", "b"), {"a", "b"})])
+def test_the_loop_gets_an_estimate_for_each_image_of_the_view_that_is_read(views, seen):
+    method = Notes(*views)
+    feedback = _EstimatorFeedback(SimpleNamespace(source=TwoViews()), 0, method)
+    image = np.zeros((8, 8), np.uint8)
+    for number in range(3):
+        for place, view in enumerate(("a", "b")):
+            stamp_ns = number * 66_000_000 + place * 1_000_000
+            feedback.add(Frame(stamp_ns, image, view), stamp_ns)
+    assert [set(each.views) for each in method.seen] == [seen] * 3
+    assert len(list(feedback.due(10**10))) == 3

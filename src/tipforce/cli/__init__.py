@@ -77,6 +77,7 @@ _OPTIONS = (
     (r"\bwithout=(\S+)", r"--without \1"),
     (r"\bsamples_per_session=(\S+)", r"--samples-per-session \1"),
     (r"\bfact (\S+=)", r"--fact \1"),
+    (r"\bstate view=(\S+)", r"state --view \1"),
     (r"(?<![-\w])(example|set) ((?:[a-z_]+\.)*[a-z_]+=)", r"\1 --set \2"),
     (r"\b(in|to) bench\.toml\b", r"\1 bench.toml (--bench FILE)"),
 )

@@ -232,7 +232,7 @@ def for_source(estimator: Estimator, source: Source) -> Estimator:
     try:
         estimator = estimator.for_views(there)
     except InputError as error:
-        advice = f"; state --view {there[0]} to read that one" if estimator.view_setting else ""
+        advice = f"; state view={there[0]} to read that one" if estimator.view_setting else ""
         raise InputError(f"{name}: {error}{advice}") from None
     require_actuation(source, estimator.required_actuation)
     missing = missing_metadata(estimator.required_metadata, source.session_info)

@@ -30,7 +30,7 @@ from ...training import (
     train_val_split,
 )
 from ...types import BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
-from .._base import FineTunable, Progress
+from .._base import FineTunable, Progress, no_progress
 from .._builder import AXES, EstimateBuilder
 from .._left_out import left_out_by_session, refuse_left_out
 from .._reading import Abstention, actuation_names, limits_of, unlike_training
@@ -187,7 +187,7 @@ class NetworkEstimator(FineTunable):
             MissingExtraError: torch is not installed.
             ModelError: the exported graph differs from the network.
         """
-        report, initial = progress or _no_progress, self._init_from
+        report, initial = progress or no_progress, self._init_from
         require_torch()
         if len(dataset) < MIN_SAMPLES:
             raise InputError(
@@ -340,7 +340,7 @@ class NetworkEstimator(FineTunable):
             InputError: none of its samples has an estimate.
             NotFittedError: before ``fit``.
         """
-        report = progress or _no_progress
+        report = progress or no_progress
         self._fitted()
         self._set_interval(dataset, "", lambda share: report("calibrating", share))
         return self
@@ -393,8 +393,7 @@ class NetworkEstimator(FineTunable):
         """Returns this method for another view; see `Estimator.reading`."""
         made = super().reading(view)
         if made.fitted_ is not None:
-            facts = made.fitted_.facts.for_view(self.settings.view, view)
-            made.fitted_ = replace(made.fitted_, facts=facts)
+            made.fitted_ = replace(made.fitted_, facts=made.fitted_.facts.for_view(self.settings.view, view))
         return made
 
     @property
@@ -593,10 +592,6 @@ _UNLIKE = {
     "camera": "these are images of a camera, and the model was trained on X-ray images",
     "xray": "these are X-ray images, and the model was trained on those of a camera",
 }
-
-
-def _no_progress(what: str, share: float) -> None:
-    del what, share
 
 
 def _no_interval(known: BoolArray) -> Interval:

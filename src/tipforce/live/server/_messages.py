@@ -100,7 +100,7 @@ class EncodedUpdate:
             return self._messages[wanted]
 
     def _view(self, name: str) -> tuple[str, Image | None, dict[str, Any]]:
-        """Returns what is shown: the name of one view or `ALL_VIEWS`, the image, and the panels in it."""
+        """Returns the name of the shown view or `ALL_VIEWS`, the image, and the panels in it."""
         frames = {**self.update.frames, **self.update.beside} if self.update.frames else {}
         if name in frames or len(frames) < 2:
             view = name if name in frames else next(iter(frames), "")
