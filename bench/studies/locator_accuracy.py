@@ -28,6 +28,7 @@ from tipforce.types import DetectedShape, FloatArray, Status
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 from tipforce.vision._by_locator import LocatorDetector
 from tipforce.vision._line_probability import line_features
+from tipforce.vision._settings import USUAL_TIP_STD_PX
 
 RESOLVED_ON = 16
 LINE_PX, TIP_PX, WRONG_TIP_PX = 2.0, 5.0, 10.0
@@ -128,7 +129,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     preset = PRESETS[options.preset]
     preset = preset.model_copy(update={"world": preset.world.model_copy(update={"seconds": 20.0})})
-    usual = Tally("as it comes", VisionSettings().max_tip_std_px)
+    usual = Tally("as it comes", USUAL_TIP_STD_PX)
     every = Tally("with hidden tips", math.inf)
     tips, drawn = 0, {"features": [], "right": [], "session": []}
     for number in range(options.sessions):

@@ -1,12 +1,14 @@
 """The session model on true lines: errors, intervals and abstentions of the estimators that read the catheter's line.
 
     .venv/bin/python -m bench.studies.session_posterior lines --seed 61000 --sessions 16 --out DIR
+    .venv/bin/python -m bench.studies.session_posterior detect --seed 61000 --sessions 16 --out DIR
     .venv/bin/python -m bench.studies.session_posterior score --lines DIR --method rod-track --out scores.json
     .venv/bin/python -m bench.studies.session_posterior table scores.json ...
 
 ``lines`` simulates sessions of a preset and draws no image: the true centreline is projected through the true camera
 and gets an error like that of detected lines (`CENTRELINE_NOISE` of ``bench-2021``, the lasting part drawn once a
-session). ``score`` gives these lines and the knob's readings to a method and keeps its estimate for every
+session). ``detect`` draws the images (5 a second) and stores the shapes that vision detects in them, hidden tips
+included. ``score`` gives these lines and the knob's readings to a method and keeps its estimate for every
 ``--every``-th frame in contact. ``--known`` gives the truth in place of priors: ``base`` (position and direction of the
 base, and the camera), ``knob`` (these and the curvature of the unloaded shaft), ``all`` (these, stiffness and length).
 ``table`` prints errors in all frames and by force and angle. Coverage is also shown as the range of its standard error
@@ -17,14 +19,15 @@ import argparse
 import json
 import pickle
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tipforce.clinical import CONTACT_N
+from tipforce.estimators._reading import Abstention
 from tipforce.estimators.rod import (
     ConstantPriors,
     Detected,
@@ -37,11 +40,12 @@ from tipforce.estimators.rod import (
 )  # fmt: skip
 from tipforce.estimators.session import SessionModel, SessionSettings
 from tipforce.geometry import arc_length
+from tipforce.io import spread_rows
 from tipforce.limits import CENTRELINE_NOISE
 from tipforce.mechanics import LineNoise
-from tipforce.mechanics.planar import Line
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.types import CentrelinePx, DetectedShape, FloatArray, Observation, SessionInfo, Status
+from tipforce.vision import SessionDetector, VisionSettings
 
 KNOWN = ("nothing", "base", "knob", "all")
 WRONG_N = 0.05
@@ -50,6 +54,10 @@ NARROW_N = 0.1
 """Widest 90 % interval of the estimates that the table also shows alone."""
 NOISE_PRESET, NOISE_PIXEL_M, NOISE_PIXELS = "bench-2021", 0.2e-3, 240.0
 """Preset whose measured line noise is added, its pixel, and the length in px of the lines that it was measured on."""
+
+DETECTED_FPS, DETECTED_S = 5.0, 30.0
+"""Rate of the images that are drawn for ``detect``, and the length of the beginning of a session."""
+ANY_STD_PX = 1e5
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +80,8 @@ class Lines:
         proximal: share by which the third next to the base is stiffer.
         creep: share of creep.
         seed: seed and number of the session.
+        shapes: (n) shapes that vision detects; None: the lines are true ones.
+        tip_visible: (n,) whether the tip is visible in the image, with ``shapes``.
     """
 
     info: SessionInfo
@@ -89,11 +99,37 @@ class Lines:
     proximal: float
     creep: float
     seed: tuple[int, int]
+    shapes: Sequence[DetectedShape] | None = None
+    tip_visible: np.ndarray | None = None
+
+    @classmethod
+    def detected(cls, preset: str, seed: int, number: int) -> "Lines":
+        """Simulates the first part of a session and detects the catheter in its images; see the module."""
+        bench = SimulatedBench(PRESETS[preset], seed, number)
+        stride = max(1, round(1.0 / (DETECTED_FPS * float(np.median(np.diff(bench.frame_s))))))
+        rows = np.flatnonzero(bench.frame_s < DETECTED_S)[::stride]
+        view, whole = bench.views[0], cls._of(bench)
+        wanted = spread_rows(len(rows)).tolist()
+        detector = SessionDetector(
+            VisionSettings(max_tip_std_px=ANY_STD_PX), bench.session_info,
+            [bench.frame(int(rows[k]), view).image for k in wanted],
+        )  # fmt: skip
+        shapes = [detector.detect(bench.frame(int(k), view).image) for k in rows]
+        visible = [bool(np.asarray(bench.image_truth(int(k), view).visible, bool)[-3:].all()) for k in rows]
+        part = {
+            name: value[rows]
+            for name in (each.name for each in fields(cls))
+            if isinstance(value := getattr(whole, name), np.ndarray)
+        }
+        return replace(whole, **part, shapes=shapes, tip_visible=np.array(visible))
 
     @classmethod
     def of(cls, preset: str, seed: int, number: int) -> "Lines":
         """Simulates a session; see the class."""
-        bench = SimulatedBench(PRESETS[preset], seed, number)
+        return cls._of(SimulatedBench(PRESETS[preset], seed, number))
+
+    @classmethod
+    def _of(cls, bench: SimulatedBench) -> "Lines":
         when, trajectory = bench.interpolator, bench.trajectory
         stamps, knob = bench.knob_log()
         newest = np.searchsorted(stamps, bench.stamp_ns, side="right") - 1
@@ -106,7 +142,7 @@ class Lines:
             (bench.settings.width, bench.settings.height), when.at(trajectory.contact.force_n, bench.frame_s),
             trajectory.contact.touching[when.nearest(bench.frame_s)],
             when.at(trajectory.curvature_per_m, bench.frame_s), device.stiffness_nm2, device.flexible_length_m,
-            shaft.stiffening_curvature_per_m**-2, shaft.proximal_stiffer, shaft.creep_share, (seed, number),
+            shaft.stiffening_curvature_per_m**-2, shaft.proximal_stiffer, shaft.creep_share, (bench.seed, bench.number),
         )  # fmt: skip
 
     @property
@@ -195,22 +231,14 @@ Estimate = tuple[float, float, float, float, float]
 """Force along x and y, ends of the magnitude's 90 % interval, N, and the probability of contact; NaN: abstains."""
 
 
-class BaseFrame(LineFrame):
-    """The frame of a session's lines with its origin where the first line begins: `varied` shows the clamp anywhere."""
-
-    def __init__(self, lines: Lines) -> None:
-        super().__init__(lines.size_px, lines.info.view("camera").base_side or "left", stream_scale(lines))
-        self._begin = lines.points_px[0, 0]
-        self._centre = 0.5 * (np.array(lines.size_px) - 1.0)
-
-    def line(self, centreline: CentrelinePx, advance_m: float = 0.0) -> Line:
-        """See `LineFrame.line`."""
-        del advance_m
-        self._u, self._v = self._begin.tolist()
-        found = super().line(centreline)
-        u, v = (self._centre - self._begin).tolist()
-        middle = self.scale_m_per_px * np.array([self._c * u - self._s * v, -self._s * u - self._c * v])
-        return found._replace(middle=middle)
+def frame_of(lines: Lines) -> LineFrame:
+    """Returns the frame of a session's lines, whose origin is where the first one begins."""
+    view = lines.info.view("camera")
+    assert view.metres_per_px is not None
+    first = lines.points_px[0]
+    if lines.shapes is not None:
+        first = next((each.centreline.points for each in lines.shapes if each.centreline is not None), first)
+    return LineFrame(lines.size_px, view.base_side or "left", view.metres_per_px, first[0])
 
 
 METHODS: dict[str, tuple[type[Any], LineSettings]] = {
@@ -221,30 +249,30 @@ METHODS: dict[str, tuple[type[Any], LineSettings]] = {
 WITH_MEMORY = ("rod-track", "session")
 
 
-def estimates_of(lines: Lines, method: str, known: str) -> Callable[[int, FloatArray], Estimate]:
-    """Returns ``method`` for one session, as a function of a frame's number and line."""
+def estimates_of(lines: Lines, method: str, known: str) -> Callable[[int, DetectedShape], Estimate]:
+    """Returns ``method`` for one session, as a function of a frame's number and shape."""
     kind, settings = METHODS[method]
     settings = settings.model_copy(update={"prior": lines.prior(known, settings.prior)})
     lines = lines.knowing(known)
     stream: Any = kind(settings).start(lines.info)
-    frame = BaseFrame(lines)
+    frame = frame_of(lines)
 
     class _Given:
         """Takes the place of the detection."""
 
         shape: DetectedShape | None = None
 
-        def read(self, observation: Observation) -> Detected:
+        def read(self, observation: Observation) -> Detected | Abstention:
             """Returns the line of the frame."""
             del observation
             assert self.shape is not None
-            return Detected(self.shape, frame)
+            return Detected(self.shape, frame) if self.shape.found else Abstention(self.shape.status, "")
 
     given = _Given()
     stream._detection = given
 
-    def estimate(index: int, points: FloatArray) -> Estimate:
-        given.shape = DetectedShape(Status.VALID, "", CentrelinePx(points))
+    def estimate(index: int, shape: DetectedShape) -> Estimate:
+        given.shape = shape
         stamp = int(lines.time_s[index] * 1e9)
         found = stream.update(Observation(stamp, {}, {"knob_deg": float(lines.knob_deg[index])}))
         return (*found.force_n[:2].tolist(), *found.magnitude_interval_n.tolist(), found.contact)
@@ -252,25 +280,21 @@ def estimates_of(lines: Lines, method: str, known: str) -> Callable[[int, FloatA
     return estimate
 
 
-def stream_scale(lines: Lines) -> float:
-    """Returns the stated metres per pixel."""
-    scale = lines.info.view("camera").metres_per_px
-    assert scale is not None
-    return scale
-
-
 def score(lines: Lines, method: str, known: str, every: int, draw: int = 0) -> dict[str, Any]:
-    """Returns truth and estimates on every ``every``-th frame in contact; a method with memory sees all frames."""
+    """Returns truth and estimates on every ``every``-th frame in contact; a method with memory sees all frames.
+
+    A frame without a detected shape counts as abstained; its tip counts as hidden.
+    """
     estimate = estimates_of(lines, method, known)
     shown = lines.knowing(known)
-    seen = shown.seen_px(draw)
+    shapes = shown.shapes or [DetectedShape(Status.VALID, "", CentrelinePx(line)) for line in shown.seen_px(draw)]
     wanted = np.flatnonzero(lines.touching & (lines.size_n > CONTACT_N))[::every]
     chosen = set(wanted.tolist())
     memory = method in WITH_MEMORY
     rows, spent = [], []
-    for k in range(len(seen)) if memory else wanted.tolist():
+    for k in range(len(shapes)) if memory else wanted.tolist():
         start = time.perf_counter()
-        found = estimate(k, seen[k])
+        found = estimate(k, shapes[k])
         spent.append(time.perf_counter() - start)
         if k in chosen:
             rows.append([k, *found])
@@ -282,6 +306,7 @@ def score(lines: Lines, method: str, known: str, every: int, draw: int = 0) -> d
         "force_n": lines.force_n[wanted, :2].tolist(), "size_n": size[wanted].tolist(),
         "angle_deg": angle[wanted].tolist(), "time_s": lines.time_s[wanted].tolist(),
         "estimate": [row[1:] for row in rows],
+        "tip_seen": [shapes[k].tip_seen for k in wanted.tolist()],
     }  # fmt: skip
 
 
@@ -293,6 +318,7 @@ def gathered(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
     return {
         "truth": size, "said": said, "low": estimate[:, 2], "high": estimate[:, 3],
         "angle": np.concatenate([row["angle_deg"] for row in rows]),
+        "tip_seen": np.concatenate([row["tip_seen"] for row in rows]).astype(bool),
         "session": np.repeat(np.arange(len(rows)), [len(row["size_n"]) for row in rows]),
     }  # fmt: skip
 
@@ -324,7 +350,7 @@ def strata(all_: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         "all": truth > 0, "below 0.1 N": truth < 0.1, "0.1 to 0.2 N": (truth >= 0.1) & (truth < 0.2),
         "0.2 to 0.3 N": (truth >= 0.2) & (truth < 0.3), "above 0.3 N": truth >= 0.3,
         "within 20 deg": angle < 20, "20 to 50 deg": (angle >= 20) & (angle < 50), "beyond 50 deg": angle >= 50,
-        "interval < 100 mN": width < NARROW_N,
+        "tip hidden": ~all_["tip_seen"], "interval < 100 mN": width < NARROW_N,
     }  # fmt: skip
 
 
@@ -345,12 +371,13 @@ def main() -> None:
     """Runs one of the steps."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     steps = parser.add_subparsers(dest="step", required=True)
-    draw = steps.add_parser("lines")
-    draw.add_argument("--preset", default="varied", choices=list(PRESETS))
-    draw.add_argument("--seed", type=int, default=61000)
-    draw.add_argument("--first", type=int, default=0)
-    draw.add_argument("--sessions", type=int, default=16)
-    draw.add_argument("--stride", type=int, default=5, help="distance of the sessions' numbers: 5 for other catheters")
+    draws = steps.add_parser("lines"), steps.add_parser("detect")
+    for draw in draws:
+        draw.add_argument("--preset", default="varied", choices=list(PRESETS))
+        draw.add_argument("--seed", type=int, default=61000)
+        draw.add_argument("--first", type=int, default=0)
+        draw.add_argument("--sessions", type=int, default=16)
+        draw.add_argument("--stride", type=int, default=5, help="step of the sessions' numbers: 5 for other catheters")
     run = steps.add_parser("score")
     run.add_argument("--lines", type=Path, required=True)
     run.add_argument("--method", default="session", choices=list(METHODS))
@@ -358,18 +385,19 @@ def main() -> None:
     run.add_argument("--every", type=int, default=20)
     run.add_argument("--skip", type=int, default=0, help="number of sessions that are left out first")
     run.add_argument("--limit", type=int, default=1000, help="number of sessions")
-    for step in (draw, run):
+    for step in (*draws, run):
         step.add_argument("--out", type=Path, required=True)
     show = steps.add_parser("table")
     show.add_argument("scores", type=Path, nargs="+")
     options = parser.parse_args()
-    if options.step == "lines":
+    if options.step in ("lines", "detect"):
+        make = Lines.of if options.step == "lines" else Lines.detected
         options.out.mkdir(parents=True, exist_ok=True)
         for k in range(options.sessions):
             number = options.first + options.stride * k
             place = options.out / f"{options.preset}-{options.seed}-{number:03d}.pickle"
             if not place.exists():
-                place.write_bytes(pickle.dumps(Lines.of(options.preset, options.seed, number)))
+                place.write_bytes(pickle.dumps(make(options.preset, options.seed, number)))
                 print(place, flush=True)
     elif options.step == "score":
         rows = []

@@ -73,6 +73,21 @@ def test_the_first_frame_gives_the_force_within_its_covariance(force: tuple[floa
     assert found.magnitude_interval_n[0] < np.hypot(*force) < found.magnitude_interval_n[1]
 
 
+@pytest.mark.parametrize("force", [(-0.12, 0.1), (-0.08, 0.15)])
+def test_the_guess_of_a_hidden_end_does_not_change_the_force(force: tuple[float, float]) -> None:
+    found = detected(force)
+    assert found.shape.centreline is not None
+    points, seen = found.shape.centreline.points, np.arange(64) < 50
+    answers = []
+    for wrong_px in (0.0, 10.0):
+        guessed = points.copy()
+        guessed[~seen, 1] += wrong_px * np.linspace(0.0, 1.0, 14)
+        shape = replace(found.shape, centreline=CentrelinePx(guessed), seen=seen)
+        answers.append(answer(replace(found, shape=shape)))
+    assert answers[0].magnitude_interval_n[0] < np.hypot(*force) < answers[0].magnitude_interval_n[1]
+    assert answers[1].force_n[:2] == pytest.approx(answers[0].force_n[:2], abs=1e-3)
+
+
 def test_an_unloaded_rod_is_most_likely_without_contact() -> None:
     found = answer(detected((0.0, 0.0)))
     assert found.contact < 0.35

@@ -201,6 +201,46 @@ def test_the_one_rule_of_abstention_is_the_width_of_the_interval() -> None:
     assert narrow.upper_n == pytest.approx(free.magnitude_interval_n[1])
 
 
+HIDDEN = 16
+"""Number of the last of 64 points that something covers."""
+
+
+def hidden_end(points: FloatArray, wrong_px: float = 0.0) -> DetectedShape:
+    """A shape whose last points are hidden, and taken to bend away by ``wrong_px`` at the tip."""
+    seen = np.arange(64) < 64 - HIDDEN
+    guessed = points.copy()
+    guessed[~seen, 1] += wrong_px * np.linspace(0.0, 1.0, HIDDEN) ** 2
+    covariance = np.where(seen, 0.05, 4.0)[:, None, None] ** 2 * np.eye(2)
+    return DetectedShape(Status.VALID, "", CentrelinePx(guessed), seen=seen, covariance_px2=covariance)
+
+
+def after_learning(shape: DetectedShape) -> FilterResult:
+    """The answer for ``shape`` after five seconds without contact."""
+    state, detected = session(), Detected(shape, FRAME)
+    for _ in range(5):
+        see(state, (0.0, 0.0), elapsed_s=1.0)
+    return state.step(detected.line(), SCALE, 10.0, FRAME_S, 0.0, detected.errors())
+
+
+@pytest.mark.parametrize("force", [(-0.1, 0.1), (-0.06, -0.09)])
+def test_the_guess_of_a_hidden_end_does_not_count(force: tuple[float, float]) -> None:
+    points = image_of(force)
+    hidden, misled = (after_learning(hidden_end(points, wrong_px)) for wrong_px in (0.0, 12.0))
+    assert hidden.explained
+    assert misled.force.force_n == pytest.approx(hidden.force.force_n, abs=2e-3)
+    assert hidden.force.low_n[2] < math.hypot(*force) < hidden.force.high_n[2]
+
+
+def test_points_that_vision_knows_badly_weigh_less() -> None:
+    points = image_of((-0.1, 0.1))
+    widths = []
+    for std_px in (0.01, 0.5):
+        covariance = std_px**2 * np.tile(np.eye(2), (64, 1, 1))
+        shape = DetectedShape(Status.VALID, "", CentrelinePx(points), covariance_px2=covariance)
+        widths.append(width_n(after_learning(shape)))
+    assert widths[1] > 1.3 * widths[0]
+
+
 def drawn_line(state: SessionFilter, rng: np.random.Generator, force: FloatArray) -> Line:
     """A line of the model itself: constants, lasting errors and noise are drawn from their priors."""
     fresh = SessionState(SETTINGS, Knowledge.stated(SETTINGS), INFO, 10.0)

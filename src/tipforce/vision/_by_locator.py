@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status
 from ._line_probability import probability
-from ._settings import ResolvedVision, VisionSettings
+from ._settings import USUAL_TIP_STD_PX, ResolvedVision, VisionSettings
 from .locator import Known, Located, Prompts, locate
 from .tracer import Tracer
 
@@ -139,7 +139,7 @@ class LocatorDetector:
             seen=line.seen,
             covariance_px2=covariance(line),
         )
-        limit = vision.settings.max_tip_std_px
+        limit = vision.settings.max_tip_std_px or USUAL_TIP_STD_PX
         if shape.tip_std_px > limit:
             return DetectedShape(
                 Status.CUT_OFF,

@@ -17,6 +17,10 @@ _PlacePx = Annotated[float, Field(ge=-1e9, le=1e9)]
 _FoundPx = Annotated[float, Field(gt=0, le=1e9)]
 
 
+MAX_TIP_STD_PX, USUAL_TIP_STD_PX = 1e5, 3.0
+"""No limit of the tip's standard deviation, and the one for methods that take the tip for seen."""
+
+
 class VisionSettings(BaseModel):
     """Settings of the user for detection. "auto" and None are resolved on images, by `auto_calibrate`.
 
@@ -55,8 +59,9 @@ class VisionSettings(BaseModel):
     """Longest stretch of shaft without visible flanks (rings, highlights, gaps) that is bridged."""
     points: Annotated[int, Field(ge=8, le=4096)] = 64
     """Points of the centreline."""
-    max_tip_std_px: Annotated[float, Field(gt=0, le=100_000)] = 3.0
-    """A frame whose tip is known less exactly than this standard deviation is refused: its tip is hidden."""
+    max_tip_std_px: Annotated[float, Field(gt=0, le=MAX_TIP_STD_PX)] | None = None
+    """A frame whose tip is known less exactly than this standard deviation is refused: its tip is hidden. None: 3 px,
+    and no limit for the methods `rod`, `rod-track` and `session`, which leave hidden points out."""
     detector: str | None = None
     """Folder of a locator that `tipforce annotate` fine-tuned. None: the one of the session's view, else the one that
     comes with tipforce."""
@@ -80,6 +85,10 @@ class VisionSettings(BaseModel):
         except InputError as error:
             raise InputError(f"{where}: {error}: for example vision.view={names[0]}") from None
         return self.model_copy(update={"view": view})
+
+    def with_hidden_tips(self) -> "VisionSettings":
+        """Returns the settings for a method that leaves hidden points out; a limit that is stated stays."""
+        return self.model_copy(update={"max_tip_std_px": self.max_tip_std_px or MAX_TIP_STD_PX})
 
 
 class LocatorPrior(BaseModel):

@@ -4,7 +4,7 @@ from ._calibration import Widths
 from ._detection import Detected, Detection
 from ._facts import RodFacts
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m, rod_model, stated_stds
-from ._lines import POINTS, LineFrame
+from ._lines import POINTS, LineFrame, StatedErrors
 from ._noise_level import NoiseLevel
 from ._posterior import Mixed
 from ._settings import ConstantPriors, LineSettings, NoiseSettings, PriorSettings, RodSettings, RodTrackSettings
@@ -32,6 +32,7 @@ __all__ = [
     "RodSettings",
     "RodTrack",
     "RodTrackSettings",
+    "StatedErrors",
     "Widths",
     "actuation_out_of_range",
     "late_frame",

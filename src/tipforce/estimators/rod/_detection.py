@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ...mechanics.planar import Line
 from ...types import DetectedShape, Image, Observation, SessionInfo
-from ...vision import VisionSettings
+from ...vision import INWARD, VisionSettings
 from .._reading import Abstention
 from .._session_detection import SessionDetection
-from ._lines import LineFrame
+from ._lines import LineFrame, StatedErrors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,14 +24,27 @@ class Detected:
     def line(self) -> Line:
         """The line that the rod is fitted to."""
         assert self.shape.centreline is not None
-        return self.frame.line(self.shape.centreline, self.advance_m)
+        return self.frame.line(self.shape.centreline, self.advance_m, from_clamp=not self.shape.tip_seen)
+
+    def errors(self) -> StatedErrors | None:
+        """Vision's statements about it."""
+        return StatedErrors.of(self.shape)
 
 
 class Detection:
-    """Detects the catheter in the frames of one session; ``images``: see `SessionDetection`."""
+    """Detects the catheter in the frames of one session.
 
-    def __init__(self, settings: VisionSettings, info: SessionInfo, images: Sequence[Image]) -> None:
-        self._detection = SessionDetection(settings, info, images)
+    Args:
+        settings: settings of the detection.
+        info: the session metadata.
+        images: see `SessionDetection`.
+        hidden_tips: the method weighs each point by its covariance: it also reads lines whose tip is hidden.
+    """
+
+    def __init__(
+        self, settings: VisionSettings, info: SessionInfo, images: Sequence[Image], *, hidden_tips: bool = False
+    ) -> None:
+        self._detection = SessionDetection(settings.with_hidden_tips() if hidden_tips else settings, info, images)
         self._frame: LineFrame | None = None
 
     @property
@@ -44,5 +59,6 @@ class Detection:
             return found
         key = (found.size_px, found.base_side, found.scale_m_per_px)
         if self._frame is None or self._frame.key != key:
-            self._frame = LineFrame(*key)
+            inward_px = found.advance_m / found.scale_m_per_px * np.array(INWARD[found.base_side])
+            self._frame = LineFrame(*key, origin_px=found.centreline.points[0] - inward_px)
         return Detected(found.shape, self._frame, found.advance_m)

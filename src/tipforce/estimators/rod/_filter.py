@@ -14,7 +14,7 @@ from numba import njit
 from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Model, fit_line, inverse, make_work
 from ...types import FloatArray, SessionInfo
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
-from ._lines import POINTS
+from ._lines import POINTS, StatedErrors
 from ._noise_level import NoiseLevel
 from ._outcome import Outcome, tempered
 from ._settings import RodTrackSettings
@@ -49,7 +49,8 @@ class ContactFilter:
         self._level = NoiseLevel(settings.noise)
         self._work = [make_work(model, POINTS, COUNT) for _ in range(2)]
         self._scale = self._factor = self._begun_factor = 0.0
-        self._whiten, self._modes = np.empty(0), np.zeros((POINTS + 1, MODES + FORCE))
+        self._error = LineError.of(settings.noise, MODES)
+        self._whiten, self._modes, self._rows = np.empty(0), np.zeros((POINTS + 1, MODES + FORCE)), POINTS + 1
         self._mean: list[FloatArray] = []
         self._covariance: list[FloatArray] = []
         self._share = knowledge.contact_share
@@ -60,12 +61,28 @@ class ContactFilter:
         self._past_n = np.zeros(FORCE)
         self._lost_s = self._advance_m = 0.0
 
-    def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float, advance_m: float = 0.0) -> Outcome:
-        """Predicts by ``elapsed_s`` and fits ``line``; ``advance_m``: of the clamp, with which the line's frame goes.
+    def step(
+        self,
+        line: Line,
+        scale: float,
+        knob_deg: float,
+        elapsed_s: float,
+        advance_m: float = 0.0,
+        stated: StatedErrors | None = None,
+    ) -> Outcome:
+        """Predicts the state and fits the next line.
 
         A line that no hypothesis explains changes nothing but the level of the noise. After ``gap_s`` of such lines,
         or of constants that have left their priors, the session begins anew; so it does where the noise turns out to
         be far larger than it was taken for when the constants were learnt.
+
+        Args:
+            line: the line.
+            scale: metres per pixel.
+            knob_deg: reading of the knob; NaN: not known.
+            elapsed_s: time since the previous line.
+            advance_m: advance of the clamp, with which the line's frame goes.
+            stated: vision's statements about the line.
         """
         if scale != self._scale or not self._mean or self._lost_s > self._settings.gap_s:
             self._begin(line, scale, knob_deg)
@@ -76,11 +93,12 @@ class ContactFilter:
             self._move_clamp(advance_m - self._advance_m, elapsed_s)
         self._advance_m = advance_m
         line = line._replace(past_n=self._past_n)
+        self._fill_noise(stated)
         before = self._covariance[_TOUCH][_FORCE, _FORCE].copy()
         results = [self._fit(line, which) for which in (_FREE, _TOUCH)]
         (free, q_free, covariance_free, evidence_free), (touch, q, covariance, evidence) = results
         best = touch if touch.converged else free
-        misfit = min(each.chi2 for each in (free, touch)) / (POINTS + 1)
+        misfit = min(each.chi2 for each in (free, touch)) / self._rows
         converged = touch.converged
         log_odds = math.log(self._share / (1.0 - self._share))
         self._lost_s += elapsed_s
@@ -151,17 +169,21 @@ class ContactFilter:
 
     def _lay_out_noise(self) -> None:
         self._factor = self._level.factor
-        error, unit = LineError.of(self._settings.noise, MODES, self._factor), noise_unit_m(self._model, self._scale)
-        self._whiten = error.whiten / unit
+        self._error = LineError.of(self._settings.noise, MODES, self._factor)
+
+    def _fill_noise(self, stated: StatedErrors | None) -> None:
+        unit = noise_unit_m(self._model, self._scale)
+        error = self._error.beside(stated, self._scale / unit)
+        self._whiten, self._rows = error.whiten / unit, error.rows
         self._modes[:, :MODES] = error.modes * unit
 
     def _follow_level(self) -> None:
         """Where the level of the noise has changed the errors that stay are said in the new modes."""
         if self._level.factor == self._factor:
             return
-        before = self._modes[:, :MODES].copy()
+        before = self._error.modes
         self._lay_out_noise()
-        turn = np.linalg.lstsq(self._modes[:, :MODES], before, rcond=None)[0]
+        turn = np.linalg.lstsq(self._error.modes, before, rcond=None)[0]
         for mean, covariance in zip(self._mean, self._covariance, strict=True):
             mean[_MODES] = turn @ mean[_MODES]
             covariance[_MODES] = turn @ covariance[_MODES]

@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...mechanics import LineNoise
 from ...mechanics.planar import FORCE, UNKNOWNS, Model
 from ...types import FloatArray, SessionInfo
-from ._lines import POINTS
+from ._lines import POINTS, StatedErrors
 from ._settings import LineSettings, NoiseSettings
 
 MODES = 6
@@ -36,12 +36,34 @@ class LineError:
     """Error of a line in px at its `POINTS` points, across it, and last along it at the tip.
 
     ``whiten`` makes the noise white whose covariance is ``covariance_px2``; ``modes`` (`POINTS` + 1, modes) are the
-    errors that stay, each of unit variance.
+    errors that stay, each of unit variance. ``rows``: number of measurements.
     """
 
     covariance_px2: FloatArray
     whiten: FloatArray
     modes: FloatArray
+    rows: int = POINTS + 1
+
+    def beside(self, stated: StatedErrors | None, stated_unit_px: float) -> "LineError":
+        """Returns the error of a line of which vision states more.
+
+        Vision's variance adds to that of the settings, with the same correlation from point to point and the same
+        share that stays for the session: most of the error of the locator's lines does (docs/results/session.md).
+        Hidden points are left out, as if their errors were without bound.
+
+        Args:
+            stated: vision's statements; None: there are none.
+            stated_unit_px: the unit of its figures, in px of this error.
+        """
+        if stated is None:
+            return self
+        own = np.sqrt(np.diag(self.covariance_px2) + np.sum(self.modes**2, axis=1))
+        grown = np.hypot(1.0, stated_unit_px * stated.std_px / own)
+        kept = np.ix_(stated.seen, stated.seen)
+        whiten = np.zeros_like(self.whiten)
+        whiten[kept] = np.tril(np.linalg.inv(np.linalg.cholesky(self.covariance_px2[kept])))
+        covariance = grown[:, None] * self.covariance_px2 * grown
+        return LineError(covariance, whiten / grown, grown[:, None] * self.modes, stated.rows)
 
     @classmethod
     def of(cls, noise: NoiseSettings, modes: int, level: float = 1.0) -> Self:

@@ -1,12 +1,13 @@
 """From a detected shape to the line that the rod is fitted to: metres, the base on the left, y up."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from ...mechanics.planar import Line
-from ...types import CentrelinePx, FloatArray
+from ...types import BoolArray, CentrelinePx, DetectedShape, FloatArray
 from ...vision import INWARD
 
 POINTS = 22
@@ -44,15 +45,57 @@ def _line(
 _NO_PAST = np.zeros(2)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StatedErrors:
+    """What vision states of one line: which part of it is seen, and how exactly.
+
+    Attributes:
+        std_px: (`POINTS` + 1,) standard deviation of each point across the line, then of the tip along it, px.
+        seen: (`POINTS` + 1,) whether each of them is measured: the point is visible; last, the tip is.
+    """
+
+    std_px: FloatArray
+    seen: BoolArray
+
+    @property
+    def rows(self) -> int:
+        """Number of measurements."""
+        return int(self.seen.sum())
+
+    @classmethod
+    def of(cls, shape: DetectedShape) -> "StatedErrors | None":
+        """Returns the statements of a found ``shape``; None where it states none: then every point is seen."""
+        if shape.centreline is None or (shape.seen is None and shape.covariance_px2 is None):
+            return None
+        points = shape.centreline.points
+        at = np.rint(np.linspace(0.0, len(points) - 1.0, POINTS)).astype(np.int64)
+        seen = np.ones(len(points), np.bool_) if shape.seen is None else shape.seen
+        std_px = np.zeros(POINTS + 1)
+        if shape.covariance_px2 is not None:
+            tangent = np.gradient(points, axis=0)[at]
+            tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+            normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+            covariance = shape.covariance_px2[at]
+            std_px[:-1] = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
+            std_px[-1] = math.sqrt(float(tangent[-1] @ covariance[-1] @ tangent[-1]))
+        return cls(std_px, np.append(seen[at], shape.tip_seen))
+
+
 class LineFrame:
-    """The frame of a session's lines: origin in the middle of the image's border that the shaft comes from, x inward.
+    """The frame of a session's lines: x points inward from the image's border that the shaft comes from.
 
     The origin goes with the clamp where that is advanced.
 
-    ``size_px``: width and height; ``base_side``: of the detection; ``scale_m_per_px``: nominal.
+    Args:
+        size_px: width and height of the image.
+        base_side: border that the shaft comes from.
+        scale_m_per_px: nominal scale.
+        origin_px: (2,) u, v of the origin; None: the middle of that border.
     """
 
-    def __init__(self, size_px: tuple[int, int], base_side: str, scale_m_per_px: float) -> None:
+    def __init__(
+        self, size_px: tuple[int, int], base_side: str, scale_m_per_px: float, origin_px: FloatArray | None = None
+    ) -> None:
         width, height = size_px
         self.key = (size_px, base_side, scale_m_per_px)
         self.scale_m_per_px = scale_m_per_px
@@ -61,11 +104,21 @@ class LineFrame:
         middle_u, middle_v = 0.5 * (width - 1), 0.5 * (height - 1)
         reach = 0.5 * (width if self._c else height)
         self._u, self._v = middle_u - reach * self._c, middle_v + reach * self._s
-        self._middle_m = scale_m_per_px * reach
+        if origin_px is not None:
+            self._u, self._v = origin_px.tolist()
+        u, v = middle_u - self._u, middle_v - self._v
+        self._middle_m = scale_m_per_px * np.array([self._c * u - self._s * v, -self._s * u - self._c * v])
 
-    def line(self, centreline: CentrelinePx, advance_m: float = 0.0) -> Line:
-        """Returns the line of at least three points, base to tip. ``advance_m``: of the clamp, along x."""
+    def line(self, centreline: CentrelinePx, advance_m: float = 0.0, *, from_clamp: bool = False) -> Line:
+        """Returns the line of a centreline.
+
+        Args:
+            centreline: at least three points, base to tip.
+            advance_m: advance of the clamp along x.
+            from_clamp: see `Line`.
+        """
         points, normals, from_tip = _line(
             centreline.points, self.scale_m_per_px, self._c, self._s, self._u, self._v, advance_m
         )
-        return Line(points, normals, from_tip, np.array([self._middle_m - advance_m, 0.0]), _NO_PAST)
+        middle = self._middle_m - (advance_m, 0.0)
+        return Line(points, normals, from_tip, middle, _NO_PAST, from_clamp)

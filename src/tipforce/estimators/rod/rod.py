@@ -26,7 +26,7 @@ from ._detection import Detected, Detection
 from ._facts import PriorFacts, RodFacts
 from ._knowledge import HELD, NEEDED, Knowledge, LineError, noise_unit_m, rod_model
 from ._learning import learn
-from ._lines import POINTS
+from ._lines import POINTS, StatedErrors
 from ._noise_level import noisier
 from ._outcome import Outcome, estimate_of, tempered
 from ._settings import LineSettings, RodSettings
@@ -163,7 +163,7 @@ class RodStream:
         self, settings: RodSettings, knowledge: Knowledge, widths: Widths, info: SessionInfo, images: Sequence[Image]
     ) -> None:
         self._settings, self._knowledge, self._widths, self._info = settings, knowledge, widths, info
-        self._detection = Detection(settings.vision, info, images)
+        self._detection = Detection(settings.vision, info, images, hidden_tips=True)
         model = rod_model(info, settings.segments)
         self._solver = ContactFit(settings, knowledge, model)
 
@@ -185,7 +185,7 @@ class RodStream:
         if abstention := actuation_out_of_range(self._settings, self._info, knob_deg):
             return abstention
         mean, covariance = self._knowledge.for_session(self._settings, self._info, knob_deg)
-        return self._solver.solve(detected.line(), detected.frame.scale_m_per_px, mean, covariance)
+        return self._solver.solve(detected.line(), detected.frame.scale_m_per_px, mean, covariance, detected.errors())
 
 
 def actuation_out_of_range(settings: LineSettings, info: SessionInfo, knob_deg: float) -> Abstention | None:
@@ -206,7 +206,7 @@ class ContactFit:
     def __init__(self, settings: RodSettings, knowledge: Knowledge, model: Any) -> None:
         self._settings, self._knowledge, self._model = settings, knowledge, model
         self._count = len(UNKNOWNS)
-        self._whiteners: dict[float, FloatArray] = {}
+        self._errors: dict[float, LineError] = {}
         self._none = np.zeros((POINTS + 1, 0))
         self._work = [make_work(model, POINTS, self._count) for _ in range(2)]
         self._covariance = np.zeros((self._count, self._count))
@@ -215,27 +215,46 @@ class ContactFit:
         self._last: FloatArray | None = None
         self._last_free: FloatArray | None = None
         self._held: tuple[FloatArray, FloatArray, FloatArray, FloatArray, float] | None = None
-        self._whiten = np.empty(0)
+        self._whiten, self._rows = np.empty(0), POINTS + 1
 
-    def solve(self, line: Line, scale: float, mean: FloatArray, covariance: FloatArray) -> Outcome:
-        """Returns the force from ``line``. ``mean``, ``covariance``: Gaussian of the session's constants.
+    def solve(
+        self, line: Line, scale: float, mean: FloatArray, covariance: FloatArray, stated: StatedErrors | None = None
+    ) -> Outcome:
+        """Returns the force from one line.
 
         A line that the rod explains badly is fitted again with as much more noise as it shows.
+
+        Args:
+            line: the line.
+            scale: metres per pixel.
+            mean: mean of the session's constants.
+            covariance: their covariance.
+            stated: vision's statements about the line.
         """
-        outcome = self._solve(line, scale, mean, covariance, 1.0)
+        outcome = self._solve(line, scale, mean, covariance, 1.0, stated)
         for _ in range(_NOISIER):
             if outcome.misfit <= _MISFITS or not outcome.converged or outcome.level > self._settings.noise.max_level:
                 break
-            outcome = self._solve(line, scale, mean, covariance, noisier(outcome.level, outcome.misfit))
+            outcome = self._solve(line, scale, mean, covariance, noisier(outcome.level, outcome.misfit), stated)
         return outcome
 
-    def _whitener(self, level: float) -> FloatArray:
-        if level not in self._whiteners:
-            self._whiteners[level] = LineError.of(self._settings.noise, 0, level).whiten
-        return self._whiteners[level]
+    def _error(self, level: float) -> LineError:
+        if level not in self._errors:
+            self._errors[level] = LineError.of(self._settings.noise, 0, level)
+        return self._errors[level]
 
-    def _solve(self, line: Line, scale: float, mean: FloatArray, covariance: FloatArray, level: float) -> Outcome:
-        self._whiten = self._whitener(level) / noise_unit_m(self._model, scale)
+    def _solve(
+        self,
+        line: Line,
+        scale: float,
+        mean: FloatArray,
+        covariance: FloatArray,
+        level: float,
+        stated: StatedErrors | None,
+    ) -> Outcome:
+        unit_m = noise_unit_m(self._model, scale)
+        error = self._error(level).beside(stated, scale / unit_m)
+        self._whiten, self._rows = error.whiten / unit_m, error.rows
         if self._held is None or not (np.array_equal(self._held[0], mean)):
             information = np.zeros((self._count, self._count))
             information[FORCE:, FORCE:] = np.linalg.inv(covariance)
@@ -261,10 +280,10 @@ class ContactFit:
             if best is None or found.cost < best.cost - 0.5:
                 best, q, spread = found, tried, self._covariance[:FORCE, :FORCE].copy()
                 angle = float(self._work[1].theta[-1])
-            if best.converged and best.chi2 <= self._settings.max_misfit * (POINTS + 1):
+            if best.converged and best.chi2 <= self._settings.max_misfit * self._rows:
                 break
         assert best is not None
-        misfit = min(best.chi2, without.chi2) / (POINTS + 1)
+        misfit = min(best.chi2, without.chi2) / self._rows
         self._last = q if best.converged and misfit <= self._settings.max_misfit else None
         # information of the image, without the prior
         seen = np.linalg.eigvalsh(np.linalg.inv(spread) - self._force_information) if best.converged else np.zeros(2)

@@ -33,7 +33,7 @@ class RodTrackStream:
         images: Sequence[Image],
     ) -> None:
         self._settings, self._widths, self._info = settings, widths, info
-        self._detection = Detection(settings.vision, info, images)
+        self._detection = Detection(settings.vision, info, images, hidden_tips=True)
         self._filter = ContactFilter(settings, knowledge, rod_model(info, settings.segments), info)
         self._explained = RecentShare(settings.explained_s)
         self._stamp_ns: int | None = None
@@ -52,7 +52,9 @@ class RodTrackStream:
         if found is not None or isinstance(detected, Abstention) or detected.shape.centreline is None:
             assert found is not None
             return ForceEstimate.invalid(stamp, found.status, found.detail, shape)
-        outcome = self._filter.step(detected.line(), detected.frame.scale_m_per_px, knob, elapsed_s, detected.advance_m)
+        outcome = self._filter.step(
+            detected.line(), detected.frame.scale_m_per_px, knob, elapsed_s, detected.advance_m, detected.errors()
+        )
         self._stamp_ns = stamp
         self._explained.add(unfit(self._settings, outcome) is None, elapsed_s)
         estimate = estimate_of(self._settings, self._widths, stamp, outcome, shape)

@@ -6,13 +6,15 @@ from one frame in `SessionSettings.update_s`, and every frame has its force from
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ...mechanics.planar import FORCE, Line, Model, fit_line, inverse, make_work, solve_in
 from ...types import FloatArray, SessionInfo
-from ..rod import MODES, POINTS, Knowledge, LineError, Mixed, NoiseLevel, noise_unit_m
+from ..rod import MODES, POINTS, Knowledge, LineError, Mixed, NoiseLevel, StatedErrors, noise_unit_m
+from ._directions import directions_of
 from ._mixture import mixed_constants, mixed_force
 from ._settings import SessionSettings
 from ._state import COUNT, K0, ROD, SessionState, X, fill_camera_modes, line_modes
@@ -69,16 +71,25 @@ class SessionFilter:
         self._cold_work = make_work(model, POINTS, ROD)
         self.state: SessionState | None = None
         self._scale = self._factor = self._begun_factor = 0.0
-        self._whiten, self._modes = np.empty(0), np.empty(0)
+        self._error, self._stated = LineError.of(settings.noise, MODES), None
+        self._whiten, self._modes, self._rows = np.empty(0), np.empty(0), POINTS + 1
         self._shapes = {which: np.zeros(model.segments + 1) for which in ("free", "touch")}
         self._start()
 
     def _start(self) -> None:
         self._cold, self._share = True, self._knowledge.contact_share
-        self._last_n, self._past_n = np.zeros(FORCE), np.zeros(FORCE)
+        self._last_n, self._crept_per_m = np.zeros(FORCE), np.zeros(self._model.segments + 1)
         self._waited_s, self._lost_s, self._advance_m = math.inf, 0.0, 0.0
 
-    def step(self, line: Line, scale: float, knob_deg: float, elapsed_s: float, advance_m: float = 0.0) -> FilterResult:
+    def step(
+        self,
+        line: Line,
+        scale: float,
+        knob_deg: float,
+        elapsed_s: float,
+        advance_m: float = 0.0,
+        stated: StatedErrors | None = None,
+    ) -> FilterResult:
         """Returns the force from ``line``.
 
         Args:
@@ -87,6 +98,7 @@ class SessionFilter:
             knob_deg: reading of the knob; NaN: not known.
             elapsed_s: time since the previous line.
             advance_m: advance of the clamp, with which the line's frame goes.
+            stated: vision's statements about the line.
 
         Returns:
             The force, and whether the rod explains the line.
@@ -98,18 +110,21 @@ class SessionFilter:
             self.state = SessionState(self._settings, self._knowledge, self._info, knob_deg)
             self._scale, self._begun_factor = scale, self._level.factor
             self._advance_m = advance_m
-            self._lay_out_noise(modes=True)
+            self._lay_out_noise(begins=True)
         elif self._level.factor != self._factor:
-            self._lay_out_noise(modes=False)
+            self._lay_out_noise(begins=False)
         state = self.state
         state.predict(elapsed_s, knob_deg, advance_m - self._advance_m)
         self._advance_m = advance_m
         change = 1.0 - math.exp(-elapsed_s / self._settings.contact_s)
         share = self._share * (1.0 - change) + (1.0 - self._share) * change
-        fill_camera_modes(self._modes, line, self._model, self._settings)
-        fits = self._fit(line._replace(past_n=self._past_n), state)
+        self._fill_noise(line, stated)
+        angles, shown = directions_of(line, stated, self._model, state.mean)
+        spring_nm = self._settings.shape_springs * self._model.stiffness_nm2 / self._model.flexible_m
+        line = line._replace(crept_per_m=self._crept_per_m, springs_nm=spring_nm * shown, angles_rad=angles)
+        fits = self._fit(line, state)
         force = self._force(fits, share)
-        misfit = min(fits.free.chi2, fits.touch.chi2) / (POINTS + 1)
+        misfit = min(fits.free.chi2, fits.touch.chi2) / self._rows
         free_counts = fits.free.ok and force.contact < _LEAST_CONTACT
         explained = misfit <= self._settings.max_misfit and (fits.found > 0 or free_counts)
         if explained:
@@ -128,20 +143,30 @@ class SessionFilter:
             self._waited_s = 0.0
         return FilterResult(force, misfit, explained, self._factor)
 
-    def _lay_out_noise(self, *, modes: bool) -> None:
+    def _lay_out_noise(self, *, begins: bool) -> None:
         self._factor = self._level.factor
         error = LineError.of(self._settings.noise, MODES, self._factor)
-        unit_m = noise_unit_m(self._model, self._scale)
-        self._whiten = error.whiten / unit_m
-        if modes:
-            self._modes = line_modes(error, unit_m)
+        # the amplitudes of the modes are unknowns: their unit stays for the session
+        self._error = error if begins else replace(error, modes=self._error.modes)
+
+    def _fill_noise(self, line: Line, stated: StatedErrors | None) -> None:
+        self._stated, unit_m = stated, noise_unit_m(self._model, self._scale)
+        error = self._error.beside(stated, self._scale / unit_m)
+        self._whiten, self._rows = error.whiten / unit_m, error.rows
+        self._modes = line_modes(error, unit_m)
+        fill_camera_modes(self._modes, line, self._model, self._settings)
 
     def _follow(self, force: Mixed, fits: _Hypotheses, elapsed_s: float) -> None:
-        """Keeps the start of the next frame: force, contact, and the load that the shaft has crept under."""
+        """Keeps the start of the next frame: force, contact, and the bend that the shaft has crept under."""
         self._share = min(1.0 - _LEAST_SHARE, max(_LEAST_SHARE, force.contact))
         self._last_n = fits.touch_q[:FORCE].copy() if fits.found else force.force_n
+        assert self.state is not None
         keeps = math.exp(-elapsed_s / self._settings.creep_s)
-        self._past_n = keeps * self._past_n + (1.0 - keeps) * force.force_n
+        shape = self._shapes["touch" if force.contact > 0.5 else "free"]
+        step_m = self._model.flexible_m / self._model.segments
+        bend = np.diff(shape, prepend=0.0) / step_m - self.state.unloaded_curvature_per_m()[0]
+        bend[[0, -1]] = bend[[1, -2]]  # these joints are half as long
+        self._crept_per_m = keeps * self._crept_per_m + (1.0 - keeps) * bend
 
     def _session(self, state: SessionState) -> Session:
         model, prior = self._model, self._settings.prior
@@ -186,8 +211,9 @@ class SessionFilter:
         mean = np.concatenate([np.zeros(FORCE), prior_mean])
         information = np.zeros((ROD, ROD))
         information[FORCE:, FORCE:] = inverse(covariance)[0]
-        error = LineError.of(self._settings.noise, 0, self._factor)
-        whiten = error.whiten / noise_unit_m(self._model, self._scale)
+        unit_m = noise_unit_m(self._model, self._scale)
+        error = LineError.of(self._settings.noise, 0, self._factor).beside(self._stated, self._scale / unit_m)
+        whiten = error.whiten / unit_m
         q, result, nothing = mean.copy(), np.zeros((ROD, ROD)), np.zeros((POINTS + 1, 0))
         q[X : X + 2] = line.points[0]
         starts: list[FloatArray] = []

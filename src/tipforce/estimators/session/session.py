@@ -29,7 +29,7 @@ class SessionStream:
         images: Sequence[Image],
     ) -> None:
         self._settings, self._widths, self._info = settings, widths, info
-        self._detection = Detection(settings.vision, info, images)
+        self._detection = Detection(settings.vision, info, images, hidden_tips=True)
         self._filter = SessionFilter(settings, knowledge, rod_model(info, settings.segments), info)
         self._stamp_ns: int | None = None
 
@@ -47,7 +47,9 @@ class SessionStream:
             return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, shape)
         elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp
-        found = self._filter.step(detected.line(), detected.frame.scale_m_per_px, knob, elapsed_s, detected.advance_m)
+        found = self._filter.step(
+            detected.line(), detected.frame.scale_m_per_px, knob, elapsed_s, detected.advance_m, detected.errors()
+        )
         if not found.explained:
             return ForceEstimate.invalid(
                 stamp,

@@ -54,7 +54,10 @@ _FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, 
     len(UNKNOWNS)
 )
 _ROD_UNKNOWNS = 7
-"""Number of the first unknowns, which change the rod's shape."""
+"""Number of the first unknowns, which change the rod's shape; creep does, too."""
+_CREPT, _TURNED = _ROD_UNKNOWNS, _ROD_UNKNOWNS + 1
+"""Places of the creep, and of the clamp's direction by way of the springs, among the derivatives of the shape."""
+_NONE = np.zeros(0)
 
 _CONVERGED_STEP = 0.05
 """The fit has converged when a step is shorter than this share of the posterior standard deviation."""
@@ -95,6 +98,13 @@ class Line(NamedTuple):
         middle: (2,) middle of the image.
         past_n: (2,) mean of the earlier forces over the time of creep: to first order the rod has crept as if a share
             of it acted.
+        from_clamp: arc lengths are counted from the clamp, since the line does not show the tip. Then the last row of
+            the residual, along the line, means nothing: ``whiten`` must leave it out.
+        crept_per_m: (segments + 1,) mean of the earlier curvature beyond the unloaded one over the time of creep, at
+            each joint: a share of it remains. Empty: ``past_n`` counts.
+        springs_nm: (segments + 1,) springs that hold the rod's elements in the directions of the line, N m per rad, so
+            that shapes are found that a dead load would not keep stable; empty: none.
+        angles_rad: (segments + 1,) directions of the line at the elements, in its frame.
     """
 
     points: FloatArray
@@ -102,6 +112,10 @@ class Line(NamedTuple):
     from_tip: FloatArray
     middle: FloatArray
     past_n: FloatArray
+    from_clamp: bool = False
+    crept_per_m: FloatArray = _NONE
+    springs_nm: FloatArray = _NONE
+    angles_rad: FloatArray = _NONE
 
 
 class Work(NamedTuple):
@@ -162,7 +176,7 @@ def make_work(model: Model, points: int, unknowns: int) -> Work:
     n, rows = model.segments + 1, points + 1
     return Work(
         np.zeros(n), np.zeros(n), np.zeros((SCRATCH + 4, n)), np.zeros(n), np.zeros(n), np.zeros((n, 2)),
-        np.zeros((2, n + 1)), np.zeros((_ROD_UNKNOWNS, 2, n + 1)), np.zeros(rows), np.zeros((rows, unknowns)),
+        np.zeros((2, n + 1)), np.zeros((_ROD_UNKNOWNS + 2, 2, n + 1)), np.zeros(rows), np.zeros((rows, unknowns)),
         np.zeros((rows, unknowns + 1)), np.zeros((unknowns, unknowns)), np.zeros((unknowns, unknowns)),
         np.zeros(unknowns), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
     )  # fmt: skip
@@ -197,17 +211,17 @@ def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool
     for i in range(n):
         share = 1.0 + (q[_PROXIMAL] if 3 * i < model.segments else 0.0)
         work.ei[i] = model.stiffness_nm2 * model.profile[i] * (1.0 + q[_EI]) * share
-        work.k0[i] = q[_K0]
+        work.k0[i] = q[_K0] + (q[_CREEP] * line.crept_per_m[i] if line.crept_per_m.size else 0.0)
     rod = Elastic(h, model.rigid_m - model.dome_m, work.ei, work.k0, q[_SOFT], model.stiffness_nm2 / model.flexible_m)
     fx, fy = _load(q, line)
-    load = Load(fx, fy, 0.0, work.carried)
+    load = Load(fx, fy, 0.0, work.carried, line.springs_nm, line.angles_rad - q[_ANGLE])
     if cold:
         angle = 0.0
         for i in range(n):
             angle += q[_K0] * (h if 0 < i < n - 1 else 0.5 * h)
             work.theta[i] = angle
         outcome, _ = follow(work.theta, rod, load, 0.5, work.scratch)
-    else:
+    if line.springs_nm.size or not cold:
         outcome = relax_in(work.theta, rod, load, 1e3 * TOLERANCE, work.scratch[:SCRATCH])
     firm = 1e300
     for i in range(n):
@@ -225,12 +239,14 @@ def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
     fx, fy = _load(q, line)
     cosine, sine = work.scratch[COSINE], work.scratch[SINE]
     side = work.before
-    for parameter in range(_ROD_UNKNOWNS):
+    for parameter in range(_ROD_UNKNOWNS + (2 if line.springs_nm.size else 1)):
         previous = 0.0
         for i in range(n):
             reach = h if i < last else model.rigid_m - model.dome_m
             value = 0.0
-            if parameter == _FX:
+            if parameter == _TURNED:
+                value = -line.springs_nm[i]
+            elif parameter == _FX:
                 value = -reach * sine[i]
             elif parameter == _FY:
                 value = reach * cosine[i]
@@ -238,7 +254,7 @@ def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
                 span = h if 0 < i < last else 0.5 * h
                 k = (work.theta[i] - previous) / span
                 stiffer = 1.0 + q[_SOFT] * k * k
-                bent = work.ei[i] * stiffer * (k - q[_K0])
+                bent = work.ei[i] * stiffer * (k - work.k0[i])
                 if parameter == _K0:
                     joint = work.ei[i] * stiffer
                 elif parameter == _EI:
@@ -246,9 +262,11 @@ def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
                 elif parameter == _PROXIMAL:
                     joint = -bent / (1.0 + q[_PROXIMAL]) if 3 * i < model.segments else 0.0
                 elif parameter == _SOFT:
-                    joint = -work.ei[i] * k * k * (k - q[_K0])
+                    joint = -work.ei[i] * k * k * (k - work.k0[i])
+                elif parameter == _CREPT:
+                    joint = work.ei[i] * stiffer * line.crept_per_m[i] if line.crept_per_m.size else 0.0
                 else:
-                    slope = work.ei[i] * (stiffer + 2.0 * q[_SOFT] * k * (k - q[_K0]))
+                    slope = work.ei[i] * (stiffer + 2.0 * q[_SOFT] * k * (k - work.k0[i]))
                     joint = slope * k / h * per_length
                     if i < last:
                         value = per_length * (fy * cosine[i] - fx * sine[i])
@@ -285,8 +303,14 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
     larger = 1.0 + q[_SCALE]
     c, s = math.cos(q[_ANGLE]), math.sin(q[_ANGLE])
     count = q.size
+    # of the first point, on the tangent of the clamp and beside it
+    first_x, first_y = line.points[0, 0] - q[_X], line.points[0, 1] - q[_Y]
+    ahead, aside = c * first_x + s * first_y, c * first_y - s * first_x
     for i in range(p):
-        arc = length - line.from_tip[i] * larger
+        if line.from_clamp:
+            arc = larger * (ahead + line.from_tip[0] - line.from_tip[i])
+        else:
+            arc = length - line.from_tip[i] * larger
         if arc < 0.0:  # behind the clamp the line is straight
             first, share, x, y, ex, ey = 0, 0.0, arc, 0.0, 1.0, 0.0
         else:
@@ -325,24 +349,35 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
             along = bx * ex + by * ey
             for k in range(_ROD_UNKNOWNS):
                 if arc < 0.0:
-                    work.slopes[row, k] = bx if k == _LENGTH else 0.0
-                    if k == _LENGTH:
-                        work.slopes[row, k] *= model.flexible_m
+                    work.slopes[row, k] = bx * model.flexible_m if k == _LENGTH and not line.from_clamp else 0.0
                     continue
                 moves = work.turns[k]
                 mx = moves[0, first] + share * (moves[0, first + 1] - moves[0, first])
                 my = moves[1, first] + share * (moves[1, first + 1] - moves[1, first])
                 work.slopes[row, k] = bx * mx + by * my
-                if k == _LENGTH:  # the share of the element at this distance from the tip changes, too
-                    work.slopes[row, k] += (
-                        along * model.flexible_m * (1.0 - (first + (share if first < segments else 0.0)) / segments)
-                    )
-            work.slopes[row, _SCALE] = -(ux * rx + uy * ry) / larger - along * line.from_tip[i]
+                if k == _LENGTH:  # the share of the element at this distance from the tip, or the clamp, changes, too
+                    passed = (first + (share if first < segments else 0.0)) / segments
+                    grows = -passed if line.from_clamp else 1.0 - passed
+                    work.slopes[row, k] += along * model.flexible_m * grows
             work.slopes[row, _X], work.slopes[row, _Y] = ux, uy
             work.slopes[row, _ANGLE] = -ux * ry + uy * rx
+            work.slopes[row, _SCALE] = -(ux * rx + uy * ry) / larger
+            if line.from_clamp:
+                work.slopes[row, _SCALE] += along * arc / larger
+                work.slopes[row, _X] -= along * larger * c
+                work.slopes[row, _Y] -= along * larger * s
+                work.slopes[row, _ANGLE] += along * larger * aside
+            else:
+                work.slopes[row, _SCALE] -= along * line.from_tip[i]
             work.slopes[row, _TILT_X], work.slopes[row, _TILT_Y] = way * gx, way * gy
             work.slopes[row, _RADIAL] = way * square
             work.slopes[row, _CREEP] = line.past_n[0] * work.slopes[row, _FX] + line.past_n[1] * work.slopes[row, _FY]
+            if arc >= 0.0:
+                for k in range(_CREPT, _CREPT + (2 if line.springs_nm.size else 1)):
+                    moves = work.turns[k]
+                    mx = moves[0, first] + share * (moves[0, first + 1] - moves[0, first])
+                    my = moves[1, first] + share * (moves[1, first + 1] - moves[1, first])
+                    work.slopes[row, _CREEP if k == _CREPT else _ANGLE] += bx * mx + by * my
             for k in range(modes.shape[1]):
                 work.slopes[row, count - modes.shape[1] + k] = modes[row, k]
 
