@@ -47,7 +47,7 @@ _NO_PAST = np.zeros(2)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StatedErrors:
-    """What vision states of one line: which part of it is seen, and how exactly.
+    """Vision's statements about one line: its seen part, and the error of each point.
 
     Attributes:
         std_px: (`POINTS` + 1,) standard deviation of each point across the line, then of the tip along it, px.

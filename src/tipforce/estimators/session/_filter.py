@@ -206,7 +206,7 @@ class SessionFilter:
         return _Hypotheses(free, free_q, free_factor, touch, touch_q, found, step_n, c, s)
 
     def _cold_starts(self, line: Line, state: SessionState) -> tuple[FloatArray, FloatArray]:
-        """Fits the rod alone, without and with a force, from the straight rod on."""
+        """Fits the rod alone, without and with a force, from the straight rod on; no springs hold it yet."""
         prior_mean, covariance = state.rod_prior()
         mean = np.concatenate([np.zeros(FORCE), prior_mean])
         information = np.zeros((ROD, ROD))
@@ -216,11 +216,12 @@ class SessionFilter:
         whiten = error.whiten / unit_m
         q, result, nothing = mean.copy(), np.zeros((ROD, ROD)), np.zeros((POINTS + 1, 0))
         q[X : X + 2] = line.points[0]
+        free_line = line._replace(springs_nm=np.zeros(0))
         starts: list[FloatArray] = []
         for which, std_n in (("free", 1e-6), ("touch", _START_N)):
             information[:FORCE, :FORCE] = np.eye(FORCE) / std_n**2
             fit_line(
-                q, mean, information, self._model, line, nothing, whiten, self._settings.huber, _COLD_STEPS, True,
+                q, mean, information, self._model, free_line, nothing, whiten, self._settings.huber, _COLD_STEPS, True,
                 self._cold_work, result,
             )  # fmt: skip
             self._shapes[which] = self._cold_work.theta.copy()

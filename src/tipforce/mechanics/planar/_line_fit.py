@@ -221,7 +221,9 @@ def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool
             angle += q[_K0] * (h if 0 < i < n - 1 else 0.5 * h)
             work.theta[i] = angle
         outcome, _ = follow(work.theta, rod, load, 0.5, work.scratch)
-    if line.springs_nm.size or not cold:
+        if line.springs_nm.size:
+            outcome = relax_in(work.theta, rod, load, TOLERANCE, work.scratch[:SCRATCH])
+    else:
         outcome = relax_in(work.theta, rod, load, 1e3 * TOLERANCE, work.scratch[:SCRATCH])
     firm = 1e300
     for i in range(n):
