@@ -1,12 +1,12 @@
 """Counts images without a catheter in which one is found, kind by kind.
 
-    python -m bench.studies.images_without_catheter [--out FOLDER] [--seed 61000] [--size 320] [--kinds NAME ...]
+    python -m bench.studies.images_without_catheter [--out FOLDER] [--seed 61000] [--sessions 2] [--kinds NAME ...]
 
 21 kinds are drawn by code: 19 by `bench.locator.empty`, and the scenes of the presets `varied` and `fluoro` with their
-catheter moved out of the image. Of each kind there are 8 scenes. Their images are read alone, with nothing stated, and
-with the side and the size of a catheter stated. Two of the scenes are read as sessions of 8 images as well, in which
-the objects sway by some px. Writes to FOLDER a contact sheet, kinds.png, with the lines that were found drawn in them,
-and lines.json: each such line with the features of its probability.
+catheter moved out of the image; their other instruments stay. Of each kind there are 8 scenes. Their images are read
+alone, with nothing stated, and with the side and the size of a catheter stated. Two of the scenes are read as sessions
+of 8 images as well, in which the objects sway by some px. Writes to FOLDER a contact sheet, kinds.png, with the lines
+that were found drawn in them, and lines.json: each such line with the features of its probability.
 """
 
 import argparse
@@ -29,8 +29,8 @@ from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, conta
 from tipforce.vision._by_locator import LocatorDetector
 from tipforce.vision._line_probability import line_features, probability
 
-SCENES, SESSIONS, FRAMES = 8, 2, 8
-"""Scenes of a kind, the number of these that are read as sessions too, and images of a session."""
+SCENES, FRAMES = 8, 8
+"""Scenes of a kind, and images of a session."""
 SIDES = ("left", "right", "top", "bottom")
 DIAMETER_M = 2.33e-3
 SWAY_SHARE = 0.02
@@ -137,6 +137,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--seed", type=int, default=61_000)
     parser.add_argument("--size", type=int, default=320, help="side of the images of bench.locator.empty, px")
+    parser.add_argument("--sessions", type=int, default=2, help="scenes of a kind that are read as sessions too")
     parser.add_argument("--kinds", nargs="+", choices=kinds, default=kinds)
     options = parser.parse_args()
     cv2.setNumThreads(1)
@@ -147,7 +148,7 @@ def main() -> None:
     for kind in options.kinds:
         count: Counter[str] = Counter()
         for number, (frames, stated) in enumerate(scenes(kind, options.seed, options.size)):
-            own, found, drawing = judge(frames, stated, as_session=number < SESSIONS)
+            own, found, drawing = judge(frames, stated, as_session=number < options.sessions)
             count += own
             lines += [{"kind": kind, **each} for each in found]
             drawings.append(drawing)
