@@ -18,6 +18,7 @@ from tipforce.estimators.rod import (
     rod_model,
 )
 from tipforce.estimators.session import FilterResult, SessionFilter, SessionModel, SessionSettings
+from tipforce.estimators.session._mixture import _widen_by_profile
 from tipforce.estimators.session._state import (
     GAIN,
     K0,
@@ -27,7 +28,7 @@ from tipforce.estimators.session._state import (
     fill_camera_modes,
     line_modes,
 )
-from tipforce.estimators.session._walk import predict
+from tipforce.estimators.session._walk import Fit, predict
 from tipforce.mechanics import PlanarRod
 from tipforce.mechanics.planar import Line
 from tipforce.types import (
@@ -239,6 +240,18 @@ def test_points_that_vision_knows_badly_weigh_less() -> None:
         shape = DetectedShape(Status.VALID, "", CentrelinePx(points), covariance_px2=covariance)
         widths.append(width_n(after_learning(shape)))
     assert widths[1] > 1.3 * widths[0]
+
+
+def test_the_interval_holds_forces_beside_the_walk_that_explain_the_line_as_well() -> None:
+    """Pushed across its axis, the tip's force is at the end of the forces that push: the lower end of the magnitude."""
+    scratch = session()._scratch
+    scratch.forces[0], scratch.across_std[0], scratch.costs[0] = (0.05, 0.01), 0.004, 3.0
+    low, high = np.full(3, 0.05), np.full(3, 0.05)
+    nothing = Fit(math.inf, math.inf, math.nan, math.inf, False)
+    _widen_by_profile(1, -1.0, 0.0, 1.0, 0.0, nothing, 0.8, low, high, scratch)
+    reach = 1.645 * 0.004
+    assert low[2] == pytest.approx(math.hypot(0.05 - reach, 0.01), abs=1e-5)
+    assert high[2] == pytest.approx(math.hypot(0.05 + reach, 0.01), abs=1e-5)
 
 
 def drawn_line(state: SessionFilter, rng: np.random.Generator, force: FloatArray) -> Line:

@@ -68,14 +68,18 @@ def _widen_by_profile(
         for a in range(2):
             low[a], high[a] = min(low[a], 0.0), max(high[a], 0.0)
     for i in range(found):
-        across, along = scratch.forces[i, 0], scratch.forces[i, 1]
-        x, y = c * along - s * across, s * along + c * across
-        size = math.hypot(x, y)
-        pushes = x * axis_x + y * axis_y < 0.0
-        if scratch.costs[i] <= best + _PROFILE and pushes and size <= largest_n:
-            low[0], high[0] = min(low[0], x), max(high[0], x)
-            low[1], high[1] = min(low[1], y), max(high[1], y)
-            low[2], high[2] = min(low[2], size), max(high[2], size)
+        left = best + _PROFILE - scratch.costs[i]
+        if left < 0.0:
+            continue
+        reach = scratch.across_std[i] * math.sqrt(2.0 * left)
+        for side in (-1.0, 0.0, 1.0):
+            across, along = scratch.forces[i, 0] + side * reach, scratch.forces[i, 1]
+            x, y = c * along - s * across, s * along + c * across
+            size = math.hypot(x, y)
+            if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
+                low[0], high[0] = min(low[0], x), max(high[0], x)
+                low[1], high[1] = min(low[1], y), max(high[1], y)
+                low[2], high[2] = min(low[2], size), max(high[2], size)
 
 
 @njit(cache=True, nogil=True)
