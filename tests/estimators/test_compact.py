@@ -260,7 +260,7 @@ def test_without_metadata_the_base_s_border_is_detected():
     )
     resolved = Compact(QUICK)
     resolved.resolve_settings(bare)
-    assert resolved._detected_base_side == "left"
+    assert resolved._detected_base_sides == ("left",)
     other = {
         **data.session_info,
         "s0": SessionInfo("s0", CATHETER, {"camera": ViewInfo(8e-4, "top")}),
@@ -268,7 +268,7 @@ def test_without_metadata_the_base_s_border_is_detected():
     }
     resolved = Compact(QUICK)
     resolved.resolve_settings(Dataset(**{**vars(data), "session_info": other, "_memo": {}}))
-    assert resolved._detected_base_side == "left"  # for s1 alone: what a session states stands
+    assert resolved._detected_base_sides == ("left",)  # for s1 alone: what a session states stands
     assert resolved.settings.base_side == "auto"
 
 
@@ -283,7 +283,7 @@ def test_without_a_catheter_in_view_whole_images_are_used():
     )
     resolved = Compact(QUICK)
     resolved.resolve_settings(bare)
-    assert resolved._detected_base_side == "none"
+    assert resolved._detected_base_sides == ("none",)
 
 
 def test_the_window_of_another_scale_shows_the_same(learnt):

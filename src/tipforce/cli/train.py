@@ -16,7 +16,7 @@ def command(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the model.")],
     estimator: Annotated[
-        str, typer.Option(help="Method to train: svr, dcfe, compact, or one that another package adds.")
+        str, typer.Option(help="Method to train: svr, dcfe, compact, stereo, or one that another package adds.")
     ] = "svr",
     bench: BenchOption = None,
     samples: Annotated[

@@ -7,7 +7,7 @@ from ._onnx import export_onnx
 from ._registry import ESTIMATORS, create, method
 from ._session_metadata import missing_metadata
 from .fusion import Fusion, FusionSettings
-from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator
+from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator, Stereo, StereoSettings
 from .rod import NoiseSettings, PriorSettings, Rod, RodSettings, RodTrack, RodTrackSettings
 from .session import SessionModel, SessionSettings
 from .shape import AngleSettings, ShapeFacts, ShapeRegressor, ShapeRegressorSettings, WindowSettings
@@ -57,6 +57,8 @@ __all__ = [
     "ShapeFacts",
     "ShapeRegressor",
     "ShapeRegressorSettings",
+    "Stereo",
+    "StereoSettings",
     "Stream",
     "Svr",
     "SvrSettings",

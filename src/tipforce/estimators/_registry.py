@@ -16,6 +16,7 @@ ESTIMATORS: Registry[type[Estimator]] = Registry(
         "svr": "tipforce.estimators.svr:Svr",
         "dcfe": "tipforce.estimators.networks:Dcfe",
         "compact": "tipforce.estimators.networks:Compact",
+        "stereo": "tipforce.estimators.networks:Stereo",
         "rod": "tipforce.estimators.rod:Rod",
         "rod-track": "tipforce.estimators.rod:RodTrack",
         "session": "tipforce.estimators.session:SessionModel",

@@ -14,6 +14,7 @@ from ._facts import TrainingFacts
 from ._loop import Progress, TrainResult, train_network
 from ._quantisation import MAX_ERROR_GROWTH, error_growth, quantise
 from ._resnet import RESNET_OUTPUTS, ResnetTask
+from ._stereo import STEREO_OUTPUTS, StereoTask
 from ._task import Task, network_from_weights, network_weights
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "LOG_FILE",
     "MAX_ERROR_GROWTH",
     "RESNET_OUTPUTS",
+    "STEREO_OUTPUTS",
     "TISSUE_N_PER_M",
     "TISSUE_OUTPUTS",
     "Augmentation",
@@ -34,6 +36,7 @@ __all__ = [
     "Progress",
     "Rate",
     "ResnetTask",
+    "StereoTask",
     "Task",
     "TrainConfig",
     "TrainResult",

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from ..errors import InputError
 from ..types import IntArray
 from ._augmentation import CURVATURE, Augmentation, augment_image, centre_crop
+from ._blocks import convolution, residual_block
 from ._data import HEATMAP_UNKNOWN, TrainingSamples
 from ._task import Batch, Weights
 
@@ -70,7 +71,7 @@ DOUBLE_WEIGHT_N = 0.2
 """A force of this size has weight 2, of twice this size weight 3: large forces are rare, and would be estimated too
 near to the usual ones, which is the dangerous side."""
 
-_BLOCK_PX = 4
+BLOCK_PX = 4
 """Side of the squares of pixels that become the channels of the first layer. No information is lost, and the image in
 full size, where convolutions would take most of the time, is never convolved."""
 _HEATMAP_PX = 8
@@ -79,8 +80,8 @@ _CHANNELS = (32, 64, 112, 112)
 _RESIDUAL_BLOCKS = (0, 1, 1, 0)
 """Residual blocks on each level."""
 _GRID_CHANNELS = 32
-_LOG_VARIANCE_RANGE = -9.0, 3.0
-_CONTRAST_FLOOR = 4.0
+LOG_VARIANCE_RANGE = -9.0, 3.0
+CONTRAST_FLOOR = 4.0
 """Grey levels added to an image's standard deviation, so that noise in an even image is not amplified."""
 
 
@@ -304,21 +305,6 @@ def build_compact(
     if size % 32:
         raise InputError(f"size={size}: the side of the network's image must be a multiple of 32; 160 is usual")
 
-    def convolution(channels_in: int, channels_out: int, kernel: int = 3, stride: int = 1) -> nn.Sequential:
-        layer = nn.Conv2d(channels_in, channels_out, kernel, stride, kernel // 2, bias=False)
-        return nn.Sequential(layer, nn.BatchNorm2d(channels_out), nn.ReLU(inplace=True))
-
-    class ResidualBlock(nn.Module):
-        """He et al. 2016."""
-
-        def __init__(self, channels: int) -> None:
-            super().__init__()
-            self.first = convolution(channels, channels)
-            self.second = nn.Sequential(nn.Conv2d(channels, channels, 3, 1, 1, bias=False), nn.BatchNorm2d(channels))
-
-        def forward(self, x: Tensor) -> Tensor:
-            return torch.relu(x + self.second(self.first(x)))
-
     class Compact(nn.Module):
         """See `build_compact`."""
 
@@ -331,11 +317,11 @@ def build_compact(
 
         def __init__(self) -> None:
             super().__init__()
-            before = _BLOCK_PX * _BLOCK_PX
+            before = BLOCK_PX * BLOCK_PX
             self.levels = nn.ModuleList()
             for level, (channels, blocks) in enumerate(zip(_CHANNELS, _RESIDUAL_BLOCKS, strict=True)):
                 entry = convolution(before, channels, 3, 1 if level == 0 else 2)
-                self.levels.append(nn.Sequential(entry, *(ResidualBlock(channels) for _ in range(blocks))))
+                self.levels.append(nn.Sequential(entry, *(residual_block(channels) for _ in range(blocks))))
                 before = channels
             grid = _GRID_CHANNELS * (size // 32) ** 2
             self.grid_projection = convolution(before, _GRID_CHANNELS, 1)
@@ -389,8 +375,8 @@ def build_compact(
             """Returns the outputs for each image alone, without its mirror image."""
             x = image.float().unsqueeze(1)
             x = x - x.mean((2, 3), keepdim=True)
-            x = x / ((x * x).mean((2, 3), keepdim=True).sqrt() + _CONTRAST_FLOOR)
-            x = torch.nn.functional.pixel_unshuffle(x, _BLOCK_PX)
+            x = x / ((x * x).mean((2, 3), keepdim=True).sqrt() + CONTRAST_FLOOR)
+            x = torch.nn.functional.pixel_unshuffle(x, BLOCK_PX)
             x = self.levels[1](self.levels[0](x))
             heatmap = self.heatmap_head(x)
             for level in self.levels[2:]:
@@ -412,7 +398,7 @@ def build_compact(
                 # the force of an indentation is proportional to the stiffness; each class adds a term of its own
                 pressing = pressing + output[:, None, outputs:shared] * self.tissue_ratio
             force = (output[:, :outputs] * bending)[:, None] + pressing * indentation[:, None]
-            log_variance = by_class[:, :, outputs : 2 * outputs].clamp(*_LOG_VARIANCE_RANGE)
+            log_variance = by_class[:, :, outputs : 2 * outputs].clamp(*LOG_VARIANCE_RANGE)
             logits, contact = by_class[:, :, 2 * outputs :].sum(dim=2), output[:, -1]
             in_distribution = self.distribution_head(grid)[:, 0].float()
             heatmap = heatmap[:, 0].float()

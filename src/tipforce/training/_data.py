@@ -22,12 +22,12 @@ class TrainingSamples:
     """Labelled images with the other inputs of the network.
 
     Attributes:
-        images: (n, h, w[, 3]) uint8; may be a memory map.
+        images: (n, h, w[, 3]) uint8, with several views (n, views, h, w); may be a memory map.
         force_n: (n, t) force components in newtons.
         session: (n,) name of each sample's session.
         inputs: name -> (n, k) further inputs of the network.
-        heatmap: (n, hh, ww) uint8, the position of the catheter; `HEATMAP_UNKNOWN` in all pixels where unknown. None
-            where no sample has one.
+        heatmap: (n, [views,] hh, ww) uint8, the position of the catheter; `HEATMAP_UNKNOWN` in all pixels where
+            unknown. None where no sample has one.
 
     Raises:
         ValueError: the arrays differ in length.

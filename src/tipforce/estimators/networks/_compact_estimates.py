@@ -127,8 +127,7 @@ class CompactEstimateBuilder:
             outputs: outputs of the network, (1, ...) each.
             unsure: whether the estimate is returned without the limit of its uncertainty.
         """
-        pixels = heatmap_pixels(outputs)[0]
-        if pixels < self.limits.min_heatmap_px:
+        if self.limits.min_heatmap_px > 0.0 and (pixels := heatmap_pixels(outputs)[0]) < self.limits.min_heatmap_px:
             return ForceEstimate.invalid(
                 stamp_ns,
                 Status.NO_CATHETER,

@@ -5,7 +5,7 @@ import json
 import math
 import tempfile
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
@@ -45,6 +45,7 @@ from ._preparation import (
     PREPARED_FILE,
     Arrays,
     InputReader,
+    Masks,
     PreparedData,
     Spec,
     Specs,
@@ -78,7 +79,7 @@ class NetworkEstimator(FineTunable):
     """A network with the interface of all methods.
 
     A subclass states the inputs of its network (`input_specs`, `reader`), the `task` that trains it, and its settings,
-    which derive from `TrainConfig` and have ``view``, ``actuation`` and ``components``.
+    which derive from `TrainConfig` and have ``actuation`` and ``components``, and its ``views``.
     """
 
     view_setting = "view"
@@ -259,7 +260,7 @@ class NetworkEstimator(FineTunable):
             facts=NetworkTraining(
                 **dict(result.facts),
                 modalities=tuple(
-                    sorted({_modality(info, self.settings.view) for info in dataset.session_info.values()})
+                    sorted({_modality(info, view) for info in dataset.session_info.values() for view in self.views})
                 ),
                 required_metadata=required,
                 known_metadata=available,
@@ -311,21 +312,21 @@ class NetworkEstimator(FineTunable):
         """
         readers: dict[str, InputReader] = {}
 
-        def read(session: str, observation: Observation, mask: Image | None) -> Arrays | Abstention:
+        def read(session: str, observation: Observation, masks: Masks | None) -> Arrays | Abstention:
             if session not in readers:
                 readers.clear()
                 readers[session] = self.reader(dataset.session_info[session], training=True)
-            return read_inputs(readers[session], actuation, observation, mask)
+            return read_inputs(readers[session], actuation, observation, masks)
 
-        specs, view = {**self.input_specs(training=True), **actuation_spec(actuation)}, self.settings.view
+        specs = {**self.input_specs(training=True), **actuation_spec(actuation)}
         heatmap = self.heatmap_spec()
-        masks: Iterable[Image | None] = repeat(None, len(dataset))
-        if heatmap is not None and dataset.has_masks(view):
-            specs["heatmap"], masks = heatmap, dataset.masks(view)
+        masks: Iterable[Masks | None] = repeat(None, len(dataset))
+        if heatmap is not None and all(dataset.has_masks(view) for view in self.views):
+            specs["heatmap"], masks = heatmap, _joint_masks(dataset, self.views)
         sessions = [repr(dataset.session_info[name]) for name in sorted(dataset.session_info)]
         elsewhere = {*TrainConfig.model_fields, "max_left_out"}  # these do not change the prepared inputs
         key = "\n".join([self.name, self.settings.model_dump_json(exclude=elsewhere), *sessions])
-        prepared = prepare(dataset, masks, specs, read, folder, key, dataset.names_of(view), report)
+        prepared = prepare(dataset, masks, specs, read, folder, key, dataset.names_of(self.views[0]), report)
         if len(prepared.index) < MIN_SAMPLES:
             raise InputError(
                 f"{dataset.title}: {len(prepared.index)} of {len(dataset)} samples can be read, {self.name} needs "
@@ -393,7 +394,7 @@ class NetworkEstimator(FineTunable):
         """Returns this method for another view; see `Estimator.reading`."""
         made = super().reading(view)
         if made.fitted_ is not None:
-            made.fitted_ = replace(made.fitted_, facts=made.fitted_.facts.for_view(self.settings.view, view))
+            made.fitted_ = replace(made.fitted_, facts=made.fitted_.facts.for_view(self.views[0], view))
         return made
 
     @property
@@ -411,7 +412,7 @@ class NetworkEstimator(FineTunable):
         del images  # its window follows from the metadata
         fitted = self._fitted()
         reader = self.reader(info, training=False)
-        return NetworkStream(fitted, reader, self.estimate_builder(info), self.required_actuation, info, self.views[0])
+        return NetworkStream(fitted, reader, self.estimate_builder(info), self.required_actuation, info, self.views)
 
     def estimate_builder(self, info: SessionInfo) -> BuildEstimate:
         """Returns a function that makes estimates from the graph's outputs, for one session."""
@@ -555,12 +556,12 @@ class NetworkStream:
         build: BuildEstimate,
         actuation: Sequence[str],
         info: SessionInfo,
-        view: str,
+        views: Sequence[str],
     ) -> None:
         self._fitted, self._reader, self._build = fitted, reader, build
-        self._actuation, self._info, self._view = actuation, info, view
-        modality, known = _modality(info, view), fitted.facts.modalities
-        self._unlike = "" if modality in known else _UNLIKE[modality]
+        self._actuation, self._info, self._views = actuation, info, views
+        unlike = [each for each in (_modality(info, view) for view in views) if each not in fitted.facts.modalities]
+        self._unlike = _UNLIKE[unlike[0]] if unlike else ""
 
     def update(self, observation: Observation) -> ForceEstimate:
         """Returns the estimate for this observation; its status says why where there is no force."""
@@ -577,11 +578,20 @@ class NetworkStream:
             row = unlike_training(observation, fitted.actuation_limits, self._actuation, self._info) or row
         if isinstance(row, Abstention):
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
-        image = observation.views.get(self._view)
-        if isinstance(image, np.ndarray) and is_white_noise(image):
-            detail = "the image is noise: neighbouring pixels are not correlated"
-            return ForceEstimate.invalid(observation.stamp_ns, Status.NO_CATHETER, detail)
+        for view in self._views:
+            image = observation.views.get(view)
+            if isinstance(image, np.ndarray) and is_white_noise(image):
+                which = f"the image of view {view!r}" if len(self._views) > 1 else "the image"
+                detail = f"{which} is noise: neighbouring pixels are not correlated"
+                return ForceEstimate.invalid(observation.stamp_ns, Status.NO_CATHETER, detail)
         return fitted.graph(**{name: value[None] for name, value in row.items()})
+
+
+def _joint_masks(dataset: Dataset, views: Sequence[str]) -> Iterator[Masks | None]:
+    """Yields the masks of each sample in all views; None where one has no mask."""
+    for masks in zip(*(dataset.masks(view) for view in views), strict=True):
+        known = tuple(mask for mask in masks if mask is not None)
+        yield known if len(known) == len(views) else None
 
 
 def _modality(info: SessionInfo, view: str) -> str:

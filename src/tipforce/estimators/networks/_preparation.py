@@ -32,20 +32,23 @@ Spec = tuple[tuple[int, ...], str]
 Specs = Mapping[str, Spec]
 """Name of an input -> its shape and dtype."""
 
-ReadSample = Callable[[str, Observation, Image | None], "Mapping[str, npt.NDArray[Any]] | Abstention"]
-"""Called with the name of a session, an observation of it, and the catheter's mask in its image, if there is one."""
+Masks = tuple[Image, ...]
+"""Masks (h, w) of the catheter, one for each view."""
+
+ReadSample = Callable[[str, Observation, Masks | None], "Mapping[str, npt.NDArray[Any]] | Abstention"]
+"""Called with the name of a session, an observation of it, and the catheter's masks in its images, if there are any."""
 
 
 class InputReader(Protocol):
     """Reads the network's inputs, all but the actuation, from the observations of one session."""
 
-    def __call__(self, observation: Observation, mask: Image | None = None) -> Arrays | Abstention:
-        """Returns the inputs of one sample; with a ``mask`` also its "heatmap", see `TrainingSamples`."""
+    def __call__(self, observation: Observation, masks: Masks | None = None) -> Arrays | Abstention:
+        """Returns the inputs of one sample; with ``masks`` also its "heatmap", see `TrainingSamples`."""
         ...
 
 
 def read_inputs(
-    reader: InputReader, actuation: tuple[str, ...], observation: Observation, mask: Image | None = None
+    reader: InputReader, actuation: tuple[str, ...], observation: Observation, masks: Masks | None = None
 ) -> Arrays | Abstention:
     """Returns the inputs of one sample with its actuation values, or why they cannot be read.
 
@@ -53,9 +56,9 @@ def read_inputs(
         reader: reads the inputs without actuation.
         actuation: names of the actuation values.
         observation: the sample.
-        mask: (h, w) mask of the catheter, for training; None: unknown.
+        masks: masks of the catheter, for training; None: unknown.
     """
-    row = reader(observation, mask)
+    row = reader(observation, masks)
     if isinstance(row, Abstention) or not actuation:
         return row
     values = read_actuation(observation, actuation)
@@ -133,7 +136,7 @@ class PreparedData:
 
 def prepare(
     dataset: Dataset,
-    masks: Iterable[Image | None],
+    masks: Iterable[Masks | None],
     specs: Specs,
     read: ReadSample,
     folder: Path,
@@ -145,7 +148,7 @@ def prepare(
 
     Args:
         dataset: the samples.
-        masks: the catheter's mask in each sample's image, or None.
+        masks: the catheter's masks in each sample's images, or None.
         specs: the arrays to keep, one file each.
         read: reads one sample.
         folder: folder of the files.
@@ -179,8 +182,8 @@ def prepare(
     }
     index: list[int] = []
     first_skipped = ""
-    for sample, (observation, mask) in enumerate(zip(dataset.observations(), masks, strict=True)):
-        found = read(dataset.session[sample], observation, mask)
+    for sample, (observation, shown) in enumerate(zip(dataset.observations(), masks, strict=True)):
+        found = read(dataset.session[sample], observation, shown)
         if isinstance(found, Abstention):
             first_skipped = first_skipped or f"{names[sample]}: {found.detail} ({found.status})"
         else:

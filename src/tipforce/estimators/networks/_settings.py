@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from ...training import Augmentation, Batch, ClipNorm, Epochs, Rate, TrainConfig, WarmupEpochs, WeightDecay
 from ...types import DEFAULT_VIEW
@@ -26,8 +26,6 @@ class NetworkSettings(TrainConfig):
             update={name: value for name, value in self.fine_tuning.items() if name not in self.model_fields_set}
         )
 
-    view: str = DEFAULT_VIEW
-    """The view that is used; where this default is not in the data and no other is stated, the first one."""
     bits: Literal[32, 8] = 32
     """8: the graph is quantised to 8 bits, two to four times faster, if its validation error grows by less than 5 %;
     else the model runs in 32 bits, with a warning."""
@@ -52,6 +50,8 @@ class DcfeSettings(NetworkSettings):
         "average": 0.99,
     }
 
+    view: str = DEFAULT_VIEW
+    """The view that is used; where this default is not in the data and no other is stated, the first one."""
     components: Literal["xy", "all"] = "xy"
     """Force components: `xy` as in the thesis, or `all` that the training data have."""
     actuation: tuple[str, ...] | None = ()
@@ -83,8 +83,8 @@ class DcfeSettings(NetworkSettings):
         return self
 
 
-class CompactSettings(NetworkSettings):
-    """Small network for a window around the catheter; see `Compact`."""
+class CropSettings(NetworkSettings):
+    """Settings of the networks for a window around the catheter."""
 
     fine_tuning: ClassVar[Mapping[str, Any]] = {"rate": 0.0005}
 
@@ -129,3 +129,24 @@ class CompactSettings(NetworkSettings):
     """Largest norm of the gradient; longer gradients are scaled down."""
     average: Annotated[float, Field(ge=0, lt=1)] = 0.998
     """See `TrainConfig`."""
+
+
+class CompactSettings(CropSettings):
+    """Small network for a window around the catheter; see `Compact`."""
+
+    view: str = DEFAULT_VIEW
+    """The view that is used; where this default is not in the data and no other is stated, the first one."""
+
+
+class StereoSettings(CropSettings):
+    """Small network for the windows of two views; see `Stereo`."""
+
+    views: tuple[str, str] = ("a", "b")
+    """Names of both views; the first one sets the frame rate."""
+
+    @field_validator("views")
+    @classmethod
+    def _two_views(cls, views: tuple[str, str]) -> tuple[str, str]:
+        if views[0] == views[1]:
+            raise ValueError(f"names the view {views[0]!r} twice, expected two different views")
+        return views

@@ -54,9 +54,9 @@ from ._compact_estimates import (
 )
 from ._image_input import BASE_SIDES, Window, catheter_window, crop_window, enlarged, moved
 from ._network import NetworkEstimator, NetworkStream
-from ._preparation import Arrays, InputReader, Spec, Specs
+from ._preparation import Arrays, InputReader, Masks, Spec, Specs
 from ._rate_compensation import MAX_COMPENSATION_S, History, RateCompensation, rate_compensation_from
-from ._settings import CompactSettings
+from ._settings import CompactSettings, CropSettings
 from ._tissue import TissueBelief, TissueEvidence, fit_tissue_evidence
 
 METADATA_FEATURES = ("log_stiffness", "log_length", "diameter", "bend")
@@ -105,6 +105,43 @@ def metadata_features(info: SessionInfo, actuation: Mapping[str, float]) -> npt.
     return np.array(features, np.float32)
 
 
+class _ViewWindow:
+    """The window of one view in the images of a session, which follows the clamp.
+
+    Args:
+        info: metadata of the session.
+        view: name of the view.
+        detected_base_side: border of the base, where neither the settings nor the metadata state it.
+        settings: settings of the window.
+        side: side of its image in pixels, which may be larger than that of the network's image.
+    """
+
+    def __init__(
+        self, info: SessionInfo, view: str, detected_base_side: str, settings: CropSettings, side: int
+    ) -> None:
+        base_side = settings.base_side
+        if base_side == "auto":
+            base_side = info.view(view).base_side or detected_base_side
+        self._base_side = None if base_side == "none" else base_side
+        self._info, self._view, self._settings, self._side = info, view, settings, side
+        self._scale = info.view(view).metres_per_px
+        self._windows: dict[tuple[int, ...], Window] = {}
+
+    def at(self, shape: tuple[int, ...], advance_m: float) -> Window:
+        """Returns the window in an image.
+
+        Args:
+            shape: (h, w) of the image.
+            advance_m: distance by which the clamp has been advanced, m.
+        """
+        if shape not in self._windows:
+            lengths, across = self._settings.lengths, self._settings.across
+            found = catheter_window(self._info, self._view, shape, self._base_side, lengths, across)
+            self._windows[shape] = enlarged(found, self._side / self._settings.size)
+        here = self._windows[shape]
+        return moved(here, advance_m / self._scale) if self._scale is not None and here.at_base else here
+
+
 class Compact(NetworkEstimator):
     """See the module. ``fitted_`` is None before ``fit``."""
 
@@ -112,10 +149,14 @@ class Compact(NetworkEstimator):
     settings_type = CompactSettings
     settings: CompactSettings
     input_text = "a window around the catheter in each image, in grey"
+    metadata_features: ClassVar[tuple[str, ...]] = METADATA_FEATURES
+    """Names of the metadata features."""
+    view_metadata: ClassVar[tuple[str, ...]] = ()
+    """Metadata of a view that the features use, beside those of its window."""
 
     def __init__(self, settings: CompactSettings | None = None) -> None:
         super().__init__(settings)
-        self._detected_base_side = "none"
+        self._detected_base_sides: tuple[str, ...] = ("none",) * len(self.views)
         self._tissue = False
 
     @property
@@ -135,27 +176,33 @@ class Compact(NetworkEstimator):
         known = [each for each in stated if each is not None]
         before = initial is not None and TissueEvidence.of(initial.arrays) is not None
         self._tissue = before or (bool(known) and max(known) > MIN_STIFFNESS_RATIO * min(known))
-        self._detect_base_side(dataset)
+        self.detect_base_sides(dataset)
 
-    def _detect_base_side(self, dataset: Dataset) -> None:
-        view = self.settings.view
-        unstated = [name for name, info in dataset.session_info.items() if info.view(view).base_side is None]
-        if self.settings.base_side != "auto" or not unstated:
-            return
-        index = spread_evenly(np.flatnonzero(np.isin(dataset.session, unstated)), _CALIBRATION_IMAGES)
-        some = dataset.subset(index)
-        views = [observation.views.get(view) for observation in some.observations()]
-        images = [image for image in views if isinstance(image, np.ndarray)]
-        try:
-            self._detected_base_side = auto_calibrate(VisionSettings(view=view), images).base_side
-        except InputError:
-            self._detected_base_side = "none"
+    def detect_base_sides(self, dataset: Dataset) -> None:
+        """Detects the border of the base in each view for which some session does not state it."""
+        found = list(self._detected_base_sides)
+        for place, view in enumerate(self.views):
+            unstated = [name for name, info in dataset.session_info.items() if info.view(view).base_side is None]
+            if self.settings.base_side != "auto" or not unstated:
+                continue
+            index = spread_evenly(np.flatnonzero(np.isin(dataset.session, unstated)), _CALIBRATION_IMAGES)
+            some = dataset.subset(index)
+            views = [observation.views.get(view) for observation in some.observations()]
+            images = [image for image in views if isinstance(image, np.ndarray)]
+            try:
+                found[place] = auto_calibrate(VisionSettings(view=view), images).base_side
+            except InputError:
+                found[place] = "none"
+        self._detected_base_sides = tuple(found)
 
     def input_specs(self, *, training: bool) -> Specs:
         """See `NetworkEstimator`: the window, larger for training, and the metadata features."""
         side = self._side(training=training)
         label: Specs = {"tissue": ((1,), "float32")} if training else {}
-        return {"image": ((side, side), "uint8"), "metadata": ((len(METADATA_FEATURES),), "float32"), **label}
+        return {"image": self._image_spec(side), "metadata": ((len(self.metadata_features),), "float32"), **label}
+
+    def _image_spec(self, side: int) -> Spec:
+        return ((side, side) if len(self.views) == 1 else (len(self.views), side, side)), "uint8"
 
     def metadata_names(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """See `NetworkEstimator`. Keys that all training sessions stated are required: a default could be wrong."""
@@ -165,10 +212,10 @@ class Compact(NetworkEstimator):
 
     def _used_metadata(self) -> tuple[str, ...]:
         """Returns the keys of the session metadata that it uses."""
-        view = f"views.{self.settings.view}"
-        side = (f"{view}.base_side",) if self.settings.base_side == "auto" else ()
         catheter = ("diameter_m", "flexible_length_m", "rigid_length_m", "bending_stiffness_nm2")
-        return (*(f"catheter.{name}" for name in catheter), f"{view}.metres_per_px", *side, _KNOB_GAIN)
+        window = ("metres_per_px", "base_side") if self.settings.base_side == "auto" else ("metres_per_px",)
+        of_views = (f"views.{view}.{name}" for view in self.views for name in (*window, *self.view_metadata))
+        return (*(f"catheter.{name}" for name in catheter), *of_views, _KNOB_GAIN)
 
     @property
     def required_actuation(self) -> tuple[str, ...]:
@@ -182,8 +229,7 @@ class Compact(NetworkEstimator):
 
     def heatmap_spec(self) -> Spec:
         """See `NetworkEstimator`: a quarter of the image's size."""
-        side = self._side(training=True) // 4
-        return (side, side), "uint8"
+        return self._image_spec(self._side(training=True) // 4)
 
     def _side(self, *, training: bool) -> int:
         size = self.settings.size
@@ -192,31 +238,22 @@ class Compact(NetworkEstimator):
     def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
         """See `NetworkEstimator`: crops the window out of a session's images."""
         side = self._side(training=training)
-        missing, detected_base_side = "", self._detected_base_side
+        missing, detected_base_sides = "", self._detected_base_sides
         if not training and self.fitted_ is not None:
             missing = missing_metadata(self.required_metadata, info)
             info = info.only(self.fitted_.facts.known_metadata)
-            detected_base_side = str(self.fitted_.arrays["detected_base_side"])
+            detected_base_sides = self._stored_base_sides()
         needs_knob = bool(info.actuation.knob_gain_per_m_deg)
         tissue = np.array([math.log(info.tissue.stiffness_n_per_m or math.nan)], np.float32)
-        scale = info.view(self.settings.view).metres_per_px
-        windows: dict[tuple[int, ...], Window] = {}
+        windows = [
+            _ViewWindow(info, view, base_side, self.settings, side)
+            for view, base_side in zip(self.views, detected_base_sides, strict=True)
+        ]
 
-        def window(shape: tuple[int, ...]) -> Window:
-            if shape not in windows:
-                base_side = self.settings.base_side
-                if base_side == "auto":
-                    base_side = info.view(self.settings.view).base_side or detected_base_side
-                known_side = None if base_side == "none" else base_side
-                lengths, across = self.settings.lengths, self.settings.across
-                found = catheter_window(info, self.settings.view, shape, known_side, lengths, across)
-                windows[shape] = enlarged(found, side / self.settings.size)
-            return windows[shape]
-
-        def read(observation: Observation, mask: Image | None = None) -> Arrays | Abstention:
-            view = read_image(observation, self.settings.view, "view")
-            if isinstance(view, Abstention):
-                return view
+        def read(observation: Observation, masks: Masks | None = None) -> Arrays | Abstention:
+            views = self.read_views(observation)
+            if isinstance(views, Abstention):
+                return views
             if missing:
                 return Abstention(Status.MISSING_INPUT, missing)
             knob = read_actuation(observation, (KNOB,)) if needs_knob else None
@@ -225,29 +262,50 @@ class Compact(NetworkEstimator):
             advance_m = read_advance_m(observation)
             if isinstance(advance_m, Abstention):
                 return advance_m
-            here = window(view.shape[:2])
-            if scale is not None and here.at_base:
-                here = moved(here, advance_m / scale)
+            here = [each.at(view.shape[:2], advance_m) for each, view in zip(windows, views, strict=True)]
+            shape, _ = self._image_spec(side)
+            images = [crop_window(view, window, side) for view, window in zip(views, here, strict=True)]
             inputs: Arrays = {
-                "image": crop_window(view, here, side),
-                "metadata": metadata_features(info, observation.actuation),
+                "image": np.reshape(images, shape),
+                "metadata": self.read_metadata(info, observation.actuation),
             }
             if training:
                 inputs["tissue"] = tissue
-            if training and mask is None:
-                inputs["heatmap"] = np.full((side // 4, side // 4), HEATMAP_UNKNOWN, np.uint8)
-            elif mask is not None:
-                binary = np.where(mask, np.uint8(255), np.uint8(0))
-                inputs["heatmap"] = crop_window(binary, here, side // 4)
+            shape, _ = self._image_spec(side // 4)
+            if training and masks is None:
+                inputs["heatmap"] = np.full(shape, HEATMAP_UNKNOWN, np.uint8)
+            elif masks is not None:
+                binary = [np.where(mask, np.uint8(255), np.uint8(0)) for mask in masks]
+                quarters = [crop_window(mask, window, side // 4) for mask, window in zip(binary, here, strict=True)]
+                inputs["heatmap"] = np.reshape(quarters, shape)
             return inputs
 
         return read
+
+    def read_views(self, observation: Observation) -> list[Image] | Abstention:
+        """Returns the images of `views`, or why one of them cannot be read."""
+        view = read_image(observation, self.settings.view, "view")
+        return view if isinstance(view, Abstention) else [view]
+
+    def read_metadata(self, info: SessionInfo, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
+        """Returns the values of `metadata_features`.
+
+        Args:
+            info: metadata of the session.
+            actuation: readings of the drives by name.
+        """
+        return metadata_features(info, actuation)
+
+    def _stored_base_sides(self) -> tuple[str, ...]:
+        """Returns the border at which the base was detected in training, for each view."""
+        stored = np.atleast_1d(self._fitted().arrays["detected_base_side"])
+        return tuple(map(str, stored.tolist()))
 
     def task(self, known: BoolArray, base_frame: bool, actuation: tuple[tuple[float, float], ...]) -> CompactTask:
         """See `NetworkEstimator`."""
         return CompactTask(
             outputs=int(known.sum()),
-            metadata=len(METADATA_FEATURES),
+            metadata=len(self.metadata_features),
             size=self.settings.size,
             planar=(0, 1) if base_frame and bool(known[:2].all()) else None,
             augmentation=self.settings.augmentation,
@@ -280,8 +338,9 @@ class Compact(NetworkEstimator):
         sigma = component_sigma(held_out, laplace, COMPACT_UNIT_N)
         forces = held_out["force_n"].astype(np.float64)
         magnitude = np.array([magnitude_sigma(f, np.diag(s * s)) for f, s in zip(forces, sigma, strict=True)])
-        heatmap_trained = calibration.samples.heatmap is not None or (
-            initial is not None and bool(initial.arrays["min_heatmap_px"] > 0)
+        heatmap_trained = "heatmap_logit" in self.outputs and (
+            calibration.samples.heatmap is not None
+            or (initial is not None and bool(initial.arrays["min_heatmap_px"] > 0))
         )
         truth = calibration.samples.force_n[calibration.held_out].astype(np.float64)
         errors = np.linalg.norm(forces, axis=1) - np.linalg.norm(truth, axis=1)
@@ -310,7 +369,7 @@ class Compact(NetworkEstimator):
             "typical_sigma_n": np.append(np.median(sigma, axis=0), np.median(magnitude)),
             "rate_compensation_s": compensation.seconds,
             "sigma_factor_without_history": np.array(compensation.sigma_factor_without_history),
-            "detected_base_side": np.array(self._detected_base_side),
+            "detected_base_side": np.array(self._detected_base_sides).squeeze(),
         }
 
     def _tissue_evidence(self, calibration: CalibrationBatch, initial: TissueEvidence | None) -> TissueEvidence | None:
@@ -327,7 +386,7 @@ class Compact(NetworkEstimator):
         """Returns a stream for one session; see `Estimator.start`."""
         del images  # its window follows from the metadata
         reader, builder = self.reader(info, training=False), self.estimate_builder(info)
-        return CompactStream(self._fitted(), reader, builder, self.required_actuation, info, self.settings.view)
+        return CompactStream(self._fitted(), reader, builder, self.required_actuation, info, self.views)
 
     def estimate_builder(self, info: SessionInfo) -> CompactEstimateBuilder:
         """See `NetworkEstimator`."""
@@ -351,12 +410,14 @@ class Compact(NetworkEstimator):
         count = int(fitted.known.sum())
         component_sigma(outputs, LastLayerLaplace.of(fitted.arrays), COMPACT_UNIT_N)
         OodDetector.of(fitted.arrays).score(outputs["grid"])
-        heatmap_pixels(outputs)
+        if "heatmap_logit" in self.outputs:
+            heatmap_pixels(outputs)
         stored_array(fitted.arrays, "typical_sigma_n", (count + 1,), low=0.0)
         if _rate_compensation(fitted.arrays).seconds.shape != (count, count):
             raise ValueError(f"rate_compensation_s is no matrix for {count} components")
-        if (side := str(fitted.arrays["detected_base_side"])) not in (*BASE_SIDES, "none"):
-            raise ValueError(f"detected_base_side is {side[:20]!r}, no border of an image")
+        for side in self._stored_base_sides():
+            if side not in (*BASE_SIDES, "none"):
+                raise ValueError(f"detected_base_side is {side[:20]!r}, no border of an image")
         for name in ("in_distribution_logit", "contact_logit"):
             if outputs[name].shape != (1,):
                 raise ValueError(f"the graph gives {name} of the shape {outputs[name].shape}, expected (1,)")

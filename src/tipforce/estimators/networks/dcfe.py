@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from ...training import RESNET_OUTPUTS, ResnetTask
-from ...types import BoolArray, ForceEstimate, Image, Observation, SessionInfo
+from ...types import BoolArray, ForceEstimate, Observation, SessionInfo
 from .._builder import EstimateBuilder
 from .._reading import Abstention, read_image
 from ..uncertainty import OodDetector, fit_ood_detector
 from ._calibration import CalibrationBatch, Outputs
 from ._image_input import RESNET_SIZE_PX, resize_to_resnet
 from ._network import BuildEstimate, NetworkEstimator
-from ._preparation import Arrays, InputReader, Specs
+from ._preparation import Arrays, InputReader, Masks, Specs
 from ._settings import DcfeSettings
 
 _IGNORED_DIRECTIONS = 20
@@ -90,8 +90,8 @@ class Dcfe(NetworkEstimator):
             OodDetector.of(fitted.arrays).score(outputs["pooled"])
         EstimateBuilder(fitted.known, fitted.interval).valid(0, outputs["force_n"][0])
 
-    def _read(self, observation: Observation, mask: Image | None = None) -> Arrays | Abstention:
-        del mask
+    def _read(self, observation: Observation, masks: Masks | None = None) -> Arrays | Abstention:
+        del masks
         view = read_image(observation, self.settings.view, "view")
         if isinstance(view, Abstention):
             return view
