@@ -21,6 +21,9 @@ from tipforce.training.locator import (  # noqa: E402
     WINDOW_FIELDS,
     WINDOW_PX,
     Scene,
+    StripSource,
+    line_loss,
+    strip_target,
     window,
     window_shapes,
 )
@@ -147,14 +150,12 @@ def test_the_checkpoint_of_the_repository_finds_the_catheter_in_most_scenes(scen
 
 
 def test_a_strip_of_a_scene_has_the_true_axis_and_ends(scenes):
-    from bench.locator.line import Source, loss, target
-
     from tipforce.vision.locator import ALONG
 
     one = next(scene for scene in scenes if scene.present and (scene.state == SEEN).all())
-    source = Source(one.image, one.line, one.state, one.diameter_px)
+    source = StripSource(one.image, one.line, one.state, one.diameter_px)
     rng = np.random.default_rng(3)
-    drawn = [target(source, rng) for _ in range(12)]
+    drawn = [strip_target(source, rng) for _ in range(12)]
     right = [each for each in drawn if each.right > 0.5]
     assert len(right) > 3
     for each in right:
@@ -168,4 +169,4 @@ def test_a_strip_of_a_scene_has_the_true_axis_and_ends(scenes):
     zero = torch.zeros(12, ALONG)
     true = wanted["offset"], zero - 3.0, zero, zero, 8.0 * wanted["seen"] - 4.0, 8.0 * wanted["right"] - 4.0
     false = wanted["offset"] + 0.5, zero - 3.0, zero, zero, 4.0 - 8.0 * wanted["seen"], 4.0 - 8.0 * wanted["right"]
-    assert loss(true, wanted) < loss(false, wanted)
+    assert line_loss(true, wanted) < line_loss(false, wanted)

@@ -8,7 +8,7 @@ import pytest
 
 from tipforce.errors import FileFormatError, InputError, ModelError
 from tipforce.pipelines import LocatorFineTuneSettings, fine_tune_locator
-from tipforce.vision import Annotation
+from tipforce.vision import Annotation, locator
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnxscript")
@@ -30,24 +30,25 @@ IMAGES = [bench_image(each.points_px[-1, 1]) for each in ANNOTATIONS]
 
 
 @pytest.fixture(scope="module")
-def graph(tmp_path_factory) -> Path:
+def init(tmp_path_factory) -> Path:
     from tipforce.training.locator import Locator, export_locator
 
     torch.manual_seed(0)
-    path = tmp_path_factory.mktemp("init") / "locator.onnx"
-    path.write_bytes(export_locator(Locator()))
-    return path
+    folder = tmp_path_factory.mktemp("init")
+    (folder / "detector.onnx").write_bytes(export_locator(Locator()))
+    (folder / "line.onnx").write_bytes(Path(locator.__file__).with_name("refine.onnx").read_bytes())
+    return folder
 
 
 @pytest.fixture(autouse=True)
-def no_rendering(monkeypatch):
-    """An image of another bench is one of these images: rendering sessions takes too long for a test."""
-    from tipforce.pipelines import _fine_tune_locator as module
+def few_windows(monkeypatch):
+    from tipforce.training import locator as training
 
-    monkeypatch.setattr(module, "preset_images", lambda *_: iter(module.labelled_images(ANNOTATIONS[:1], IMAGES[:1])))
+    few = {name: values[::24] for name, values in training.rehearsal_windows().items()}
+    monkeypatch.setattr(training, "rehearsal_windows", lambda: few)
 
 
-def test_annotated_images_become_a_detector_folder(graph, tmp_path: Path):
+def test_annotated_images_become_a_detector_folder(init, tmp_path: Path):
     from tipforce.training.locator import locator_from_graph
 
     folder, heard = tmp_path / "detector", list[float]()
@@ -56,27 +57,33 @@ def test_annotated_images_become_a_detector_folder(graph, tmp_path: Path):
         [*ANNOTATIONS, empty],
         [*IMAGES, np.full((96, 128), 190, np.uint8)],
         folder,
-        init=graph,
+        init=init,
         settings=LocatorFineTuneSettings(steps=2),
         on_progress=lambda _text, share: heard.append(share),
     )
-    assert sorted(path.name for path in folder.iterdir()) == ["README.md", "detector.json", "detector.onnx"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "README.md",
+        "detector.json",
+        "detector.onnx",
+        "line.onnx",
+    ]
     facts = json.loads((folder / "detector.json").read_text())
     assert facts["frames"] == 5  # four with a catheter, one without
     assert facts["left_out"] == [result.left_out[0].image]
-    assert facts["steps"] == 2
+    assert facts["steps"] == [2, 2]
+    assert abs(facts["log_odds"]) < 3.0
     assert facts["after"]["frames"] == 1
-    assert result.left_out[0].after_px.shape == (16, 2)
+    assert result.left_out[0].after_px.shape[1:] == (2,)
     assert "Images left out of the training: 1" in (folder / "README.md").read_text()
     assert heard == sorted(heard)
     assert heard[-1] == 1.0
     tuned = locator_from_graph(folder / "detector.onnx")
-    assert not torch.equal(tuned.head.weight, locator_from_graph(graph).head.weight)
+    assert not torch.equal(tuned.head.weight, locator_from_graph(init / "detector.onnx").head.weight)
     session = pytest.importorskip("onnxruntime").InferenceSession(str(folder / "detector.onnx"))
     assert [each.name for each in session.get_outputs()] == ["heat", "states", "present"]
 
 
-def test_a_cancelled_training_leaves_the_old_folder(graph, tmp_path: Path):
+def test_a_cancelled_training_leaves_the_old_folder(init, tmp_path: Path):
     folder = tmp_path / "detector"
     folder.mkdir()
     (folder / "detector.json").write_text("{}")
@@ -85,24 +92,25 @@ def test_a_cancelled_training_leaves_the_old_folder(graph, tmp_path: Path):
         raise RuntimeError("cancelled")
 
     with pytest.raises(RuntimeError, match="cancelled"):
-        fine_tune_locator(ANNOTATIONS, IMAGES, folder, init=graph, on_progress=cancel)
+        fine_tune_locator(ANNOTATIONS, IMAGES, folder, init=init, on_progress=cancel)
     assert [path.name for path in tmp_path.iterdir()] == ["detector"]
     assert (folder / "detector.json").read_text() == "{}"
 
 
-def test_one_annotated_image_is_too_few(graph, tmp_path: Path):
+def test_one_annotated_image_is_too_few(init, tmp_path: Path):
     with pytest.raises(InputError, match=r"1 annotated image with a catheter; .* at least 2"):
-        fine_tune_locator(ANNOTATIONS[:1], IMAGES[:1], tmp_path / "out", init=graph)
+        fine_tune_locator(ANNOTATIONS[:1], IMAGES[:1], tmp_path / "out", init=init)
 
 
-def test_every_annotation_needs_its_image(graph, tmp_path: Path):
+def test_every_annotation_needs_its_image(init, tmp_path: Path):
     with pytest.raises(InputError, match="5 annotations for 4 images"):
-        fine_tune_locator(ANNOTATIONS, IMAGES[:4], tmp_path / "out", init=graph)
+        fine_tune_locator(ANNOTATIONS, IMAGES[:4], tmp_path / "out", init=init)
 
 
 def test_a_detector_that_is_missing_or_another_file_is_refused_with_its_path(tmp_path: Path):
-    with pytest.raises(FileFormatError, match=r"none\.onnx: there is no such file"):
-        fine_tune_locator(ANNOTATIONS, IMAGES, tmp_path / "out", init=tmp_path / "none.onnx")
-    (tmp_path / "text.onnx").write_bytes(b"no graph")
-    with pytest.raises(ModelError, match=r"text\.onnx: this is no graph of the locator"):
-        fine_tune_locator(ANNOTATIONS, IMAGES, tmp_path / "out", init=tmp_path / "text.onnx")
+    with pytest.raises(FileFormatError, match=r"none.detector\.onnx: there is no such file"):
+        fine_tune_locator(ANNOTATIONS, IMAGES, tmp_path / "out", init=tmp_path / "none")
+    for name in ("detector.onnx", "line.onnx"):
+        (tmp_path / name).write_bytes(b"no graph")
+    with pytest.raises(ModelError, match=r"detector\.onnx: this is no graph of the locator"):
+        fine_tune_locator(ANNOTATIONS, IMAGES, tmp_path / "out", init=tmp_path)

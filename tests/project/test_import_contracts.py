@@ -33,7 +33,7 @@ ALLOWED: dict[str, set[str]] = {
     "alignment": BASE | {"geometry", "vision", "io", "plausibility"},
     "annotation": BASE | {"geometry", "vision", "io"},
     "datasets": BASE | {"geometry", "vision", "io", "alignment"},
-    "training": BASE | {"geometry"},
+    "training": BASE | {"geometry", "vision"},
     "estimators": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "training"},
     "calibration": BASE | {"geometry", "vision", "io", "alignment", "mechanics", "estimators"},
     "evaluation": BASE | {"geometry", "vision", "io", "alignment", "datasets", "mechanics", "estimators", "clinical"},

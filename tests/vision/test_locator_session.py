@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tipforce.errors import InputError
+from tipforce.errors import FileFormatError, InputError
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.simulation.world import FAST
 from tipforce.types import Catheter, DetectedShape, Image, SessionInfo, Status, ViewInfo
@@ -18,6 +18,7 @@ from tipforce.vision import (
     VisionSettings,
     _detector,
     auto_calibrate,
+    fitted_log_odds,
     for_session,
 )
 from tipforce.vision import (
@@ -191,6 +192,13 @@ def test_a_fine_tuned_detector_is_read_from_its_folder(tmp_path: Path):
         auto_calibrate(AUTO, images, named)
     shipped = Path(locator_package.__file__).with_name("locator.onnx")
     (tmp_path / "detector.onnx").write_bytes(shipped.read_bytes())
+    with pytest.raises(InputError, match=r"line\.onnx: does not exist"):
+        auto_calibrate(AUTO, images, named)
+    (tmp_path / "line.onnx").write_bytes(shipped.with_name("refine.onnx").read_bytes())
+    (tmp_path / "detector.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(FileFormatError, match="has no number log_odds"):
+        auto_calibrate(AUTO, images, named)
+    (tmp_path / "detector.json").write_text('{"log_odds": 0.5}', encoding="utf-8")
     found = auto_calibrate(AUTO, images, named)
     assert found.detector == str(tmp_path)
     assert found.locator is not None
@@ -240,3 +248,13 @@ def test_the_constants_are_saved_but_do_not_hold_for_another_session():
     assert for_session(found, nearer).locator is None
     assert for_session(found, info).locator == found.locator
     assert for_session(found, replace(info, name="next")).locator is None
+
+
+def test_the_log_odds_of_a_fine_tuned_detector_follow_the_evidence_and_stay_near_0_with_little_of_it():
+    assert fitted_log_odds([], []) == 0.0
+    one, two = fitted_log_odds([0.0], [True]), fitted_log_odds([0.0, 0.0], [True, True])
+    assert 0.0 < one < two < 1.5
+    assert fitted_log_odds([4.0] * 3, [False] * 3) < -2.0
+    assert abs(fitted_log_odds([5.0] * 9, [True] * 9)) < 0.2  # a probability that is true stays
+    many = fitted_log_odds([-2.0] * 200, [True] * 100 + [False] * 100)
+    assert abs(many - 2.0) < 0.1

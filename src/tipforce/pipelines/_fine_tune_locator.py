@@ -5,7 +5,6 @@ import math
 import platform
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from importlib.metadata import version
@@ -18,27 +17,29 @@ from .._system.atomic import replacing_folder
 from .._system.extras import import_extra
 from ..errors import FileFormatError, InputError
 from ..types import FloatArray, Image
-from ..vision import Annotation
-from ._locator_images import PRESET_IMAGE_SHARES, PRESET_IMAGES_SEED, preset_images
+from ..vision import Annotation, fitted_log_odds, line_log_odds
+from ..vision.locator import DETECTOR_FACTS, DETECTOR_GRAPHS, Located, Prompts, locate
 
 if TYPE_CHECKING:
-    from ..training.locator import LabelledImage, LocatedPoints, Locator
+    from ..training.locator import LabelledImage
 
-DETECTOR_GRAPH, DETECTOR_FACTS, DETECTOR_CARD = "detector.onnx", "detector.json", "README.md"
-"""Files of a detector folder."""
+DETECTOR_CARD = "README.md"
+"""Card in a detector folder."""
 MIN_ANNOTATED = 2
 """Fewest images with a catheter."""
 MIN_ANNOTATED_TO_JUDGE, ANNOTATED_PER_JUDGED = 5, 5
 """With fewer images with a catheter none is left out of the training; otherwise one in five is."""
-REHEARSAL_IMAGES = 120
-"""Images of the presets that are drawn for a training."""
-PROGRESS_S = 0.5
-"""Longest time between two calls of the progress while images are drawn."""
-DRAWN_SHARE, TRAINED_SHARE = 0.12, 0.96
-"""Finished share of the work when the images are drawn, and when the training ends."""
+LINE_STEPS, LINE_BATCH, LINE_RATE, LINE_KEPT_WEIGHT = 100, 32, 5e-4, 1.0
+"""Settings of the fine-tuning of the second network."""
+BEGUN_SHARE, LOCATED_SHARE, TRAINED_SHARE = 0.02, 0.7, 0.96
+"""Finished share of the work when the networks are read, when the first is trained, and when the second is."""
 RIGHT_WITHIN_LENGTH_SHARE, RIGHT_SHARE = 0.03, 0.85
 """A line is right if ``RIGHT_SHARE`` of its points are within this share of the catheter's length of the annotated
 line: 3 px where the network reads it."""
+END_WITHIN_LENGTH_SHARE = 0.1
+"""For the probability base and visible tip are within this share of the length too."""
+JUDGED_POINTS = 64
+"""Points of a line."""
 
 Progress = Callable[[str, float], None]
 """Called with a description of the current work and its finished share (0..1)."""
@@ -50,7 +51,7 @@ class LocatorFineTuneSettings:
 
     Attributes:
         seed: seed of the choice of images and of the training.
-        steps: steps of the training; None: as many as were best in measurements.
+        steps: steps of the training of each network; None: as many as were best in measurements.
         max_seconds: time that the training takes at most; it has fewer steps on a slow computer.
     """
 
@@ -82,8 +83,8 @@ class LeftOutFrame:
 
     Attributes:
         image: name of its annotation.
-        before_px: (16, 2) u, v px found by the detector before, base to tip.
-        after_px: (16, 2) u, v px found by the fine-tuned one.
+        before_px: (n, 2) u, v px of the line that the detector found before, base to tip; (0, 2) without one.
+        after_px: (n, 2) u, v px of the line of the fine-tuned one.
         before_present: probability of a catheter in the image, before.
         after_present: the same, after.
     """
@@ -125,14 +126,14 @@ def fine_tune_locator(
 ) -> FineTuneResult:
     """Fine-tunes the detector on annotated images and writes the detector folder.
 
-    Some of the images are left out of the training and judge it. Images of the simulation's presets are trained with
-    the annotated ones, so that the detector does not forget other benches.
+    Some of the images are left out of the training and judge it. Windows of other benches go along, so that the
+    detector does not forget them.
 
     Args:
         annotations: the annotated images.
         images: their pixels, in the same order: (h, w, 3) RGB or (h, w).
         folder: the detector folder; it is created, or replaced when everything is done.
-        init: the detector to begin with: a detector folder or its graph; None: the one that comes with tipforce.
+        init: folder of the detector to begin with; None: the one that comes with tipforce.
         settings: how to train.
         on_progress: called at least at every step. An error that it raises ends the work; ``folder`` stays.
 
@@ -147,55 +148,101 @@ def fine_tune_locator(
     """
     for package in ("torch", "onnx"):
         import_extra(package, "train")
-    from ..training.locator import FineTuneSettings, fine_tune, graph_with_weights, locator_from_graph
+    from ..training.locator import (
+        FineTuneSettings,
+        fine_tune,
+        fine_tune_line,
+        graph_with_line_weights,
+        graph_with_weights,
+        line_network_from_graph,
+        locator_from_graph,
+        rehearsal_windows,
+    )
 
     settings, began = settings or LocatorFineTuneSettings(), time.monotonic()
     report: Progress = on_progress or (lambda _text, _share: None)
     _check(annotations, images)
-    source = _graph_path(init)
-    network = locator_from_graph(source)
+    report("reading the networks", 0.0)
+    sources = _graph_paths(init)
+    locator, line = locator_from_graph(sources[0]), line_network_from_graph(sources[1])
     judged = _left_out(annotations, settings.seed)
     labelled = labelled_images(annotations, images)
-    annotated = [each for k, each in enumerate(labelled) if k not in judged]
-    rehearsal = rehearsal_images(settings.seed, REHEARSAL_IMAGES, lambda text, share: report(text, DRAWN_SHARE * share))
-    chosen = FineTuneSettings(seed=settings.seed, max_seconds=settings.max_seconds)
+    annotated, rehearsal = [each for k, each in enumerate(labelled) if k not in judged], rehearsal_windows()
+    first = FineTuneSettings(seed=settings.seed, max_seconds=LOCATED_SHARE * settings.max_seconds)
+    second = replace(
+        first, steps=LINE_STEPS, batch=LINE_BATCH, rate=LINE_RATE, kept_weight=LINE_KEPT_WEIGHT,
+        max_seconds=settings.max_seconds - first.max_seconds,
+    )  # fmt: skip
     if settings.steps is not None:
-        chosen = replace(chosen, steps=settings.steps)
+        first, second = replace(first, steps=settings.steps), replace(second, steps=settings.steps)
     tuned = fine_tune(
-        network,
-        annotated,
-        rehearsal,
-        chosen,
-        lambda text, share: report(text, DRAWN_SHARE + (TRAINED_SHARE - DRAWN_SHARE) * share),
+        locator, annotated, rehearsal, first, _within(report, "training the first network", BEGUN_SHARE, LOCATED_SHARE)
+    )
+    tuned_line = fine_tune_line(
+        line, annotated, rehearsal, second, _within(report, "training the second network", LOCATED_SHARE, TRAINED_SHARE)
     )
     report("judging the images that were left out", TRAINED_SHARE)
-    length = _median_length_px([each for k, each in enumerate(annotations) if k not in judged])
-    found = [[_locate(each, labelled[k], length) for k in judged] for each in (network, tuned.network)]
-    truth = [annotations[k] for k in judged]
-    before, after = (_figures(lines, [labelled[k] for k in judged], truth) for lines in found)
-    left_out = tuple(
-        LeftOutFrame(annotation.image, old.points_px, new.points_px, old.present, new.present)
-        for annotation, old, new in zip(truth, *found, strict=True)
-    )
-    facts: dict[str, Any] = {
-        "kind": "tipforce detector",
-        "init": "shipped" if init is None else str(init),
-        "frames": len(annotated),
-        "left_out": [each.image for each in left_out],
-        "settings": asdict(chosen),
-        "steps": tuned.steps,
-        "training_s": round(tuned.seconds, 1),
-        "before": before and asdict(before),
-        "after": after and asdict(after),
-        "versions": {name: version(name) for name in ("tipforce", "torch", "onnx", "numpy")}
-        | {"python": platform.python_version()},
-    }
+    prompts = Prompts(length_px=_median_length_px([each for k, each in enumerate(annotations) if k not in judged]))
+    truth, shown = [annotations[k] for k in judged], [labelled[k] for k in judged]
     with replacing_folder(folder) as part:
-        (part / DETECTOR_GRAPH).write_bytes(graph_with_weights(source.read_bytes(), tuned.network))
+        (part / DETECTOR_GRAPHS[0]).write_bytes(graph_with_weights(sources[0].read_bytes(), tuned.network))
+        (part / DETECTOR_GRAPHS[1]).write_bytes(graph_with_line_weights(sources[1].read_bytes(), tuned_line.network))
+        old, new = (
+            [locate(each.image, prompts, JUDGED_POINTS, network=network) for each in shown] for network in (init, part)
+        )
+        before, after = (_figures(lines, shown, truth) for lines in (old, new))
+        facts: dict[str, Any] = {
+            "kind": "tipforce detector",
+            "init": "shipped" if init is None else str(init),
+            "frames": len(annotated),
+            "left_out": [each.image for each in truth],
+            "settings": {"first": asdict(first), "second": asdict(second)},
+            "steps": [tuned.steps, tuned_line.steps],
+            "training_s": round(tuned.seconds + tuned_line.seconds, 1),
+            "log_odds": round(_log_odds(new, shown, truth), 3),
+            "before": before and asdict(before),
+            "after": after and asdict(after),
+            "versions": {name: version(name) for name in ("tipforce", "torch", "onnx", "numpy")}
+            | {"python": platform.python_version()},
+        }
         (part / DETECTOR_FACTS).write_text(json.dumps(_without_nan(facts), indent=2) + "\n", encoding="utf-8")
         (part / DETECTOR_CARD).write_text(_card(facts), encoding="utf-8")
+    left_out = tuple(
+        LeftOutFrame(annotation.image, _points_px(one), _points_px(other), _present(one), _present(other))
+        for annotation, one, other in zip(truth, old, new, strict=True)
+    )
     report("done", 1.0)
     return FineTuneResult(folder, time.monotonic() - began, before, after, left_out)
+
+
+def _log_odds(
+    lines: Sequence[Located | None], labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation]
+) -> float:
+    """Returns by how much the lines are right more often than their probability says; see `fitted_log_odds`."""
+    scores: list[float] = []
+    right: list[bool] = []
+    for line, image, annotation in zip(lines, labelled, truth, strict=True):
+        if line is not None:
+            ends_px = _ends_off_px(line.points, image.line_px)[: 1 if annotation.tip_hidden else 2]
+            scores.append(line_log_odds(line))
+            right.append(
+                _right(line.points, image.line_px)
+                and max(ends_px) < END_WITHIN_LENGTH_SHARE * _length_px(image.line_px)
+            )
+    return fitted_log_odds(scores, right)
+
+
+def _within(report: Progress, text: str, first: float, last: float) -> Progress:
+    """Returns a progress between the shares ``first`` and ``last`` of the whole work."""
+    return lambda step, share: report(f"{text}, {step}", first + (last - first) * share)
+
+
+def _points_px(line: Located | None) -> FloatArray:
+    return np.empty((0, 2)) if line is None else line.points
+
+
+def _present(line: Located | None) -> float:
+    return 0.0 if line is None else line.present
 
 
 def labelled_images(annotations: Sequence[Annotation], images: Sequence[Image]) -> "list[LabelledImage]":
@@ -222,39 +269,6 @@ def labelled_images(annotations: Sequence[Annotation], images: Sequence[Image]) 
     return labelled
 
 
-def rehearsal_images(seed: int, count: int, on_progress: Progress) -> "list[LabelledImage]":
-    """Returns images of the presets; the same seed returns the same images.
-
-    Args:
-        seed: seed of their choice.
-        count: number of images, at least.
-        on_progress: called whenever a session is drawn.
-    """
-    rng = np.random.default_rng([seed, 5])
-    names, shares = list(PRESET_IMAGE_SHARES), np.array(list(PRESET_IMAGE_SHARES.values()))
-    sessions = -(-count // 10)
-    presets = [str(name) for name in rng.choice(names, sessions, p=shares / shares.sum())]
-    with ThreadPoolExecutor(2) as pool:
-        drawn = [
-            pool.submit(_session_images, PRESET_IMAGES_SEED + seed, number, preset)
-            for number, preset in enumerate(presets)
-        ]
-        pending = set(drawn)
-        try:
-            while pending:
-                done = sessions - len(pending)
-                on_progress(f"drawing images of other benches, session {done + 1} of {sessions}", done / sessions)
-                _, pending = wait(pending, timeout=PROGRESS_S, return_when=FIRST_COMPLETED)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [image for session in drawn for image in session.result()]
-
-
-def _session_images(seed: int, number: int, preset: str) -> "list[LabelledImage]":
-    return list(preset_images(seed, number, preset))
-
-
 def _check(annotations: Sequence[Annotation], images: Sequence[Image]) -> None:
     if len(annotations) != len(images):
         raise InputError(f"{len(annotations)} annotations for {len(images)} images; expected one for each image")
@@ -266,13 +280,16 @@ def _check(annotations: Sequence[Annotation], images: Sequence[Image]) -> None:
         )
 
 
-def _graph_path(init: Path | None) -> Path:
+def _graph_paths(init: Path | None) -> list[Path]:
+    """Returns the graphs of both networks to begin with; those of tipforce in single precision where it is None."""
     if init is None:
-        return Path(str(resources.files("tipforce.vision.locator") / "locator.onnx"))
-    path = init / DETECTOR_GRAPH if init.is_dir() else init
-    if not path.is_file():
-        raise FileFormatError(f"{path}: there is no such file; expected the graph of a detector, {DETECTOR_GRAPH}")
-    return path
+        shipped = resources.files("tipforce.vision.locator")
+        return [Path(str(shipped / name)) for name in ("locator.onnx", "refine.onnx")]
+    paths = [init / name for name in DETECTOR_GRAPHS]
+    for path in paths:
+        if not path.is_file():
+            raise FileFormatError(f"{path}: there is no such file; expected a folder of a detector")
+    return paths
 
 
 def _left_out(annotations: Sequence[Annotation], seed: int) -> list[int]:
@@ -292,29 +309,32 @@ def _length_px(line_px: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(line_px, axis=0), axis=1).sum())
 
 
-def _locate(network: "Locator", labelled: "LabelledImage", length_px: float) -> "LocatedPoints":
-    from ..training.locator import NOMINAL_LENGTH_PX, locate_points
-
-    return locate_points(network, labelled.image, NOMINAL_LENGTH_PX / length_px, sizes=(length_px, math.nan))
-
-
 def _figures(
-    found: "Sequence[LocatedPoints]", labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation]
+    found: Sequence[Located | None], labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation]
 ) -> LocatorFigures | None:
-    """Returns the figures of found lines beside the annotated ones; None without a line."""
+    """Returns the figures of found lines beside the annotated ones; None without an image."""
     if not truth:
         return None
     right: list[bool] = []
     base_px: list[float] = []
     tip_px: list[float] = []
     for located, image, annotation in zip(found, labelled, truth, strict=True):
-        distance = _distances_px(located.points_px, image.line_px)
-        right.append(float(np.mean(distance < RIGHT_WITHIN_LENGTH_SHARE * _length_px(image.line_px))) >= RIGHT_SHARE)
-        base_px.append(float(np.linalg.norm(located.points_px[0] - image.line_px[0])))
+        right.append(located is not None and _right(located.points, image.line_px))
+        ends_px = [math.inf] * 2 if located is None else _ends_off_px(located.points, image.line_px)
+        base_px.append(ends_px[0])
         if not annotation.tip_hidden:
-            tip_px.append(float(np.linalg.norm(located.points_px[-1] - image.line_px[-1])))
+            tip_px.append(ends_px[1])
     tip = float(np.median(tip_px)) if tip_px else math.nan
     return LocatorFigures(len(truth), float(np.mean(right)), float(np.median(base_px)), tip)
+
+
+def _right(points_px: FloatArray, line_px: FloatArray) -> bool:
+    near = _distances_px(points_px, line_px) < RIGHT_WITHIN_LENGTH_SHARE * _length_px(line_px)
+    return float(near.mean()) >= RIGHT_SHARE
+
+
+def _ends_off_px(points_px: FloatArray, line_px: FloatArray) -> list[float]:
+    return [float(np.linalg.norm(points_px[k] - line_px[k])) for k in (0, -1)]
 
 
 def _distances_px(points_px: FloatArray, line_px: FloatArray) -> FloatArray:
@@ -328,7 +348,7 @@ def _distances_px(points_px: FloatArray, line_px: FloatArray) -> FloatArray:
 def _without_nan(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _without_nan(each) for name, each in value.items()}
-    return None if isinstance(value, float) and math.isnan(value) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _card(facts: dict[str, Any]) -> str:
@@ -351,7 +371,8 @@ def _card(facts: dict[str, Any]) -> str:
         f"# Detector, fine-tuned on {facts['frames']} annotated images\n\n"
         f"It finds the catheter in images of the bench that these images are from. `bench.toml` names this folder.\n\n"
         f"{judged}\n"
-        f"Fine-tuned from: {facts['init']}. Steps: {facts['steps']}. Seed: {facts['settings']['seed']}.\n"
-        f"Half of the training images were of simulated benches, so that others are still found.\n"
+        f"Fine-tuned from: {facts['init']}. Steps of its two networks: {facts['steps'][0]} and {facts['steps'][1]}. "
+        f"Seed: {facts['settings']['first']['seed']}.\n"
+        f"Images of other benches went along in the training, so that these are still found.\n"
         f"For research only; not for clinical use.\n"
     )

@@ -11,6 +11,7 @@ from ._detector import DetectorKind, ShapeDetector, detector_kind
 from ._draw import contact_sheet, draw_estimate, draw_objects, draw_shape, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
+from ._line_probability import fitted_log_odds, line_log_odds
 from ._session_calibration import SessionCalibration, SessionDetector, session_vision
 from ._session_size import for_session
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
@@ -52,11 +53,13 @@ __all__ = [
     "figure_17",
     "figure_18",
     "fitted_curve",
+    "fitted_log_odds",
     "for_session",
     "image_from_clamp",
     "inspect_image",
     "is_resolved",
     "likely_objects",
+    "line_log_odds",
     "session_vision",
     "shaft_mask",
     "shape_features",

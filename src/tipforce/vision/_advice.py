@@ -14,7 +14,7 @@ from ..errors import InputError, NoCatheterError
 from ..geometry import arc_length
 from ..types import Box, Catheter, FloatArray, Image, SessionInfo, ViewInfo
 from ._auto_calibrate import auto_calibrate, base_box, side_of
-from ._by_locator import network_file, stated_prompts
+from ._by_locator import detector_folder, stated_prompts
 from ._detector import ShapeDetector
 from ._line_probability import probability
 from ._session_size import nominal_px, with_view
@@ -206,7 +206,7 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
         info: its metadata; its stated base and side do not limit the objects.
     """
     stated = with_view(settings, info)
-    network = network_file(stated.detector)
+    network = detector_folder(stated.detector)
     prompts = replace(stated_prompts(stated, nominal_px(info, stated.view)), region=None, border=None)
     open_size = replace(prompts, length_px=None, diameter_px=None)
     tried = [open_size] if prompts.length_px is None else [prompts, open_size]

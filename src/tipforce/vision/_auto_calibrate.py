@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError, NoCatheterError
 from ..types import Box, DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._by_locator import network_file, same_line, stated_prompts
+from ._by_locator import detector_folder, detector_log_odds, same_line, stated_prompts
 from ._clamp import INWARD
 from ._line_probability import probability
 from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
@@ -241,7 +241,7 @@ def _of_session(
 ) -> ResolvedVision:
     """Returns the settings for one session, with the constants that the locator finds in its images."""
     located = frames[:: -(-len(frames) // MAX_LOCATED_FRAMES)]
-    network = network_file(stated.detector)
+    network = detector_folder(stated.detector)
     try:
         constants = session_constants(
             located,
@@ -268,7 +268,8 @@ def _of_session(
         if not agrees and enough_images(frames):
             raise NoCatheterError("the tracer follows another object than the locator finds", _remedy(stated))
         return _with_rejection(traced)
-    likely = max((probability(line) for line in constants.lines if line is not None), default=0.0)
+    log_odds = detector_log_odds(network)
+    likely = max((probability(line, log_odds) for line in constants.lines if line is not None), default=0.0)
     if not agrees and likely < MIN_SESSION_PROBABILITY:
         begins = constants.base_px
         raise NoCatheterError(
@@ -353,7 +354,7 @@ def _shared(
         own = with_view(settings, info)
         try:
             prompts = stated_prompts(own, nominal_px(info, own.view))
-            constants = session_constants([frame], prompts, moves=False, network=network_file(own.detector))
+            constants = session_constants([frame], prompts, moves=False, network=detector_folder(own.detector))
         except InputError as error:
             reason = error
             continue

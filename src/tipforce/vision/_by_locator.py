@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from .._system.json_files import read_json
+from ..errors import FileFormatError, InputError
 from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status
 from ._line_probability import probability
 from ._settings import USUAL_TIP_STD_PX, ResolvedVision, VisionSettings
-from .locator import Known, Located, Prompts, locate
+from .locator import DETECTOR_FACTS, DETECTOR_GRAPHS, Known, Located, Prompts, locate
 from .tracer import Tracer
 
 MAX_BASE_DIAMETERS = 2.0
@@ -24,18 +25,39 @@ MIN_TIP_SEEN = 0.5
 """With less probability that it is visible a tip is hidden."""
 
 
-def network_file(detector: str | None) -> Path | None:
-    """Returns the graph in the folder of a fine-tuned locator; None for the one that comes with tipforce.
+def detector_folder(detector: str | None) -> Path | None:
+    """Returns the folder of a fine-tuned detector; None for the networks that come with tipforce.
 
     Raises:
-        InputError: there is no such file.
+        InputError: one of its files does not exist.
     """
     if detector is None:
         return None
-    path = Path(detector) / "detector.onnx"
-    if not path.is_file():
-        raise InputError(f"{path}: does not exist; correct views.VIEW.detector in bench.toml, or run tipforce annotate")
-    return path
+    for name in (*DETECTOR_GRAPHS, DETECTOR_FACTS):
+        path = Path(detector) / name
+        if not path.is_file():
+            raise InputError(
+                f"{path}: does not exist; correct views.VIEW.detector in bench.toml, or run tipforce annotate"
+            )
+    return Path(detector)
+
+
+def detector_log_odds(folder: Path | None) -> float:
+    """Returns the ``log_odds`` of a fine-tuned detector; see `probability`.
+
+    Args:
+        folder: its folder; None: the networks that come with tipforce.
+
+    Raises:
+        FileFormatError: its facts cannot be read.
+    """
+    if folder is None:
+        return 0.0
+    facts = read_json(folder / DETECTOR_FACTS)
+    found = facts.get("log_odds") if isinstance(facts, dict) else None
+    if not isinstance(found, int | float):
+        raise FileFormatError(f"{folder / DETECTOR_FACTS}: has no number log_odds; run tipforce annotate again")
+    return float(found)
 
 
 def stated_prompts(stated: VisionSettings, size_px: tuple[float, float] | None) -> Prompts:
@@ -85,7 +107,8 @@ class LocatorDetector:
             length_px=vision.locator.length_px,
             diameter_px=vision.locator.diameter_px,
         )
-        self._network = network_file(vision.detector)
+        self._detector = detector_folder(vision.detector)
+        self._log_odds = detector_log_odds(self._detector)
         self._known = Known(
             vision.locator.length_px,
             vision.locator.length_std_px,
@@ -106,7 +129,7 @@ class LocatorDetector:
 
     def locate(self, image: Image) -> Located | None:
         """Returns the line that the locator finds in ``image`` with the session's constants as prompts."""
-        return locate(image, self._prompts, self.settings.points, self._known, self._network)
+        return locate(image, self._prompts, self.settings.points, self._known, self._detector)
 
     def _locate(self, image: Image) -> DetectedShape:
         vision, prior = self.settings, self._prior
@@ -120,7 +143,7 @@ class LocatorDetector:
                 f"the detected line begins at ({begins[0]:.0f}, {begins[1]:.0f}), the catheter of this session at "
                 f"({self._base[0]:.0f}, {self._base[1]:.0f})",
             )
-        right = probability(line)
+        right = probability(line, self._log_odds)
         least = vision.least_probability if vision.nominal_px else vision.settings.least_probability
         if right < least:
             return DetectedShape(

@@ -9,7 +9,8 @@ from ._export import (
     quantise_locator,
     read_weights,
 )
-from ._fine_tune import TRAINED_PARTS, FineTuned, FineTuneSettings, fine_tune
+from ._fine_tune import FineTuned, FineTuneSettings, fine_tune
+from ._fine_tune_line import fine_tune_line
 from ._inputs import NOMINAL_DIAMETER_PX, NOMINAL_LENGTH_PX, PROMPT_CHANNELS, network_input, prompt_channels
 from ._labels import (
     CATHETER,
@@ -27,6 +28,7 @@ from ._labels import (
     border_behind,
     labelled_line,
 )
+from ._line_network import LineNetwork, graph_with_line_weights, line_loss, line_network_from_graph
 from ._locate import LocatedPoints, locate_points
 from ._loss import HEATMAP_SIGMA_CELLS, cosine_rate, linear_rate, locator_loss
 from ._network import (
@@ -40,6 +42,8 @@ from ._network import (
     LocatorOutputs,
     heat_peaks,
 )
+from ._rehearsal import REHEARSAL_FIELDS, rehearsal_windows
+from ._strips import STRIP_FIELDS, StripSource, StripTarget, strip_target
 from ._windows import (
     CELLS,
     PROMPT_FIELDS,
@@ -69,31 +73,39 @@ __all__ = [
     "POINT_STATES",
     "PROMPT_CHANNELS",
     "PROMPT_FIELDS",
+    "REHEARSAL_FIELDS",
     "SEEN",
     "SHEATH",
     "SIDES",
     "SIZE_MULTIPLE_PX",
     "STRIDE_PX",
-    "TRAINED_PARTS",
+    "STRIP_FIELDS",
     "WINDOW_FIELDS",
     "WINDOW_PX",
     "Encoder",
     "FineTuneSettings",
     "FineTuned",
     "LabelledImage",
+    "LineNetwork",
     "LocatedPoints",
     "Locator",
     "LocatorOutputs",
     "Scene",
+    "StripSource",
+    "StripTarget",
     "Window",
     "border_behind",
     "camera_image",
     "cosine_rate",
     "export_locator",
     "fine_tune",
+    "fine_tune_line",
+    "graph_with_line_weights",
     "graph_with_weights",
     "heat_peaks",
     "labelled_line",
+    "line_loss",
+    "line_network_from_graph",
     "linear_rate",
     "locate_points",
     "locator_from_graph",
@@ -104,6 +116,8 @@ __all__ = [
     "quantise_locator",
     "random_scene",
     "read_weights",
+    "rehearsal_windows",
+    "strip_target",
     "window",
     "window_shapes",
 ]

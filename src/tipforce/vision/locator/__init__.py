@@ -1,7 +1,7 @@
 """The locator: two trained networks that find the catheter, with all that is stated as their prompts."""
 
 from ._locate import GUESSED_ASPECT, Located, as_colour, locate, read_points, rough_line
-from ._networks import RoughPoints
+from ._networks import DETECTOR_FACTS, DETECTOR_GRAPHS, RoughPoints
 from ._prompts import Prompts
 from ._reading import Known
 from ._session import MIN_FRAMES, SessionConstants, measured_diameter, session_constants
@@ -10,6 +10,8 @@ from ._strip import ACROSS, ALONG, HALF_WIDTH, evenly, straightened, strip_input
 __all__ = [
     "ACROSS",
     "ALONG",
+    "DETECTOR_FACTS",
+    "DETECTOR_GRAPHS",
     "GUESSED_ASPECT",
     "HALF_WIDTH",
     "MIN_FRAMES",

@@ -168,7 +168,7 @@ def locate(
         prompts: everything that is stated or known, px.
         points: number of points of the line.
         known: constants of the session; a hidden tip is placed by its length.
-        network: a fine-tuned locator (.onnx); None: the one that comes with tipforce.
+        network: folder of fine-tuned networks; None: those that come with tipforce.
     """
     colour = as_colour(image)
     read = read_points(colour, prompts, network)
@@ -178,11 +178,11 @@ def locate(
         return None
     size_px = float(arc_length(line)[-1])
     hint = Hint(read.points[0], read.points[-1], HINT_STD_SHARE * size_px, float(read.states[0, OUTSIDE]))
-    once = read_strip(colour, of_length(line, known), diameter_px, hint, known)
+    once = read_strip(colour, of_length(line, known), diameter_px, hint, known, network)
     line = line[:0] if once is None else _inside(once.line(), colour.shape)
     if once is None or len(line) < MIN_SAMPLES:
         return None
-    twice = read_strip(colour, of_length(line, known), diameter_px, hint, known)
+    twice = read_strip(colour, of_length(line, known), diameter_px, hint, known, network)
     line = line[:0] if twice is None else _inside(twice.line(), colour.shape)
     if twice is None or len(line) < MIN_SAMPLES:
         return None

@@ -1,4 +1,4 @@
-"""The two trained networks as ONNX graphs, loaded when first used."""
+"""The two trained networks as ONNX graphs, loaded when first used: those of tipforce, or of a fine-tuned detector."""
 
 from functools import cache
 from importlib import resources
@@ -23,6 +23,12 @@ OTHER_BASE_CELLS = 4
 """Another base is at least this number of cells away."""
 _MULTIPLE_PX = 32
 """The sides of the network's image are multiples of this."""
+DETECTOR_GRAPHS = ("detector.onnx", "line.onnx")
+"""Files of the first and the second network in the folder of a fine-tuned detector."""
+DETECTOR_FACTS = "detector.json"
+"""File in this folder that says how the detector was made."""
+_SHIPPED_GRAPHS = ("locator.int8.onnx", "refine.onnx")
+"""Files of both networks that come with tipforce."""
 
 
 class RoughPoints(NamedTuple):
@@ -62,26 +68,31 @@ class Offsets(NamedTuple):
     """Logit: the strip is the catheter's."""
 
 
+def _graph(folder: Path | None, number: int) -> Any:
+    """Returns the graph of the first network (0) or the second (1); a file that has changed is read again."""
+    if folder is None:
+        return _session(Path(str(resources.files(__name__.rpartition(".")[0]) / _SHIPPED_GRAPHS[number])))
+    path = folder / DETECTOR_GRAPHS[number]
+    return _session(path, path.stat().st_mtime_ns)
+
+
 @cache
-def _graph(path: Path | None, name: str, _changed_ns: int = 0) -> Any:
-    """Returns the graph in a file, or in tipforce; a file that has changed is read again."""
+def _session(path: Path, _changed_ns: int = 0) -> Any:
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    own = resources.files(__name__.rpartition(".")[0]) / f"{name}.onnx"
-    data = own.read_bytes() if path is None else path.read_bytes()
-    return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    return onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
 
 
-def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, path: Path | None = None) -> RoughPoints:
+def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | None = None) -> RoughPoints:
     """Returns the catheter's points in ``image``.
 
     Args:
         image: (h, w, 3) RGB, in which the catheter should be some 110 px long.
         prompts: in px of ``image``.
-        path: a fine-tuned network (.onnx). None: the network that comes with tipforce.
+        network: folder of fine-tuned networks; None: those that come with tipforce.
     """
     rows, columns = image.shape[:2]
     bottom, right = -rows % _MULTIPLE_PX, -columns % _MULTIPLE_PX
@@ -92,9 +103,7 @@ def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, path: Path | No
     values[0, 3:, :rows, :columns] = planes
     sizes = 3 + SIZES[0]
     values[0, sizes:] = planes[SIZES[0] :, :1, :1]  # a size is stated beyond the image's border, too
-    heat, states, present = _graph(path, "locator.int8", path.stat().st_mtime_ns if path else 0).run(
-        None, {"image": values}
-    )
+    heat, states, present = _graph(network, 0).run(None, {"image": values})
     shares = _shares(heat[0].astype(np.float64))
     points, mass = _peaks(shares)
     base = shares[:1].copy()
@@ -131,10 +140,10 @@ def _peaks(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (points + 0.5) * STRIDE - 0.5, mass
 
 
-def refine(strip: Strip) -> Offsets:
-    """Reads ``strip``."""
+def refine(strip: Strip, network: Path | None = None) -> Offsets:
+    """Reads ``strip``; ``network``: folder of fine-tuned networks."""
     values = strip_input(strip.values, strip.inside)[None]
-    offset, log_spread, base, tip, seen, right = _graph(None, "refine").run(None, {"strip": values})
+    offset, log_spread, base, tip, seen, right = _graph(network, 1).run(None, {"strip": values})
     return Offsets(
         offset[0].astype(np.float64),
         np.exp(log_spread[0].astype(np.float64)),

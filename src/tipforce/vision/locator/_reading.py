@@ -7,6 +7,7 @@ line goes on with the curvature that it has, and the covariance says how far it 
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -194,7 +195,12 @@ def _ends(read: Offsets, points: FloatArray, first: int, hint: Hint, known: Know
 
 
 def read_strip(
-    image: npt.NDArray[np.uint8], line: FloatArray, diameter_px: float, hint: Hint, known: Known | None
+    image: npt.NDArray[np.uint8],
+    line: FloatArray,
+    diameter_px: float,
+    hint: Hint,
+    known: Known | None,
+    network: Path | None = None,
 ) -> Reading | None:
     """Reads the strip of ``image`` along ``line``; None where too little of the strip is inside the image for a line.
 
@@ -204,12 +210,13 @@ def read_strip(
         diameter_px: diameter of the shaft.
         hint: the ends as the first network finds them.
         known: constants of the session; None where nothing is known.
+        network: folder of fine-tuned networks; None: those that come with tipforce.
     """
     strip = straightened(image, line, diameter_px)
     first = int(strip.inside_view.argmax())
     if not strip.inside_view.any() or first + MIN_STRIP_SHARE * ALONG > ALONG - 1:
         return None
-    read = refine(strip)
+    read = refine(strip, network)
     points = strip.points + (diameter_px * read.offset)[:, None] * strip.normals
     base, tip, in_view = _ends(read, points, first, hint, known)
     spread = diameter_px * np.hypot(np.maximum(read.spread, MIN_SPREAD_DIAMETERS), MIN_SPREAD_DIAMETERS)

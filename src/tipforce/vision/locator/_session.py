@@ -88,7 +88,7 @@ def session_constants(
         frames: images of the session.
         prompts: everything that is stated, px.
         moves: whether the catheter must have moved in these images where they differ.
-        network: a fine-tuned locator; None: the one that comes with tipforce.
+        network: folder of fine-tuned networks; None: those that come with tipforce.
 
     Raises:
         InputError: no catheter is found, two objects could be it, or the object that is found does not move.
