@@ -72,7 +72,7 @@ def fitted_log_odds(scores: Sequence[float], right: Sequence[bool]) -> float:
     """Returns the ``log_odds`` of a fine-tuned detector from lines in annotated images that it was not trained on.
 
     It is the most probable value where little is known beforehand: a normal distribution around 0 with the standard
-    deviation `PRIOR_STD`. Two right lines that had a probability of 0.5 raise it by 1.3, without a line it is 0.
+    deviation `PRIOR_STD`. Two right lines that had a probability of 0.5 raise it by 1.1, without a line it is 0.
 
     Args:
         scores: `line_log_odds` of each line.
