@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 from tipforce.cli import app, main
 from tipforce.cli._facts import stated_info
 from tipforce.errors import InputError
+from tipforce.estimators import Estimator
 from tipforce.io import RecordingWriter, open_source, write_video
 from tipforce.pipelines import COLUMNS, estimate, write_estimates
 from tipforce.types import STAGE, Actuation, ActuationInfo, Catheter, ForceEstimate, Frame, Image, SessionInfo
@@ -184,6 +185,7 @@ def test_outputs_make_their_folders(trained, video: Path, tmp_path: Path) -> Non
 def test_facts_that_the_model_needs_are_asked_for_before_the_work(trained, video: Path, tmp_path: Path) -> None:
     class Stated:
         required_metadata = ("catheter.flexible_length_m", "views.camera.metres_per_px", "views.camera.base_side")
+        obstacle = Estimator.obstacle
 
         def for_views(self, there):
             return self

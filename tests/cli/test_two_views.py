@@ -1,6 +1,7 @@
 """Recordings of two views that are exposed in turn, and methods that read one of them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,8 @@ from tipforce.cli import app, as_options
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
 from tipforce.estimators import ESTIMATORS, create, load_model, read_manifest, save_model
-from tipforce.io import RecordingWriter
-from tipforce.types import Actuation, Frame, SensorInfo, SessionInfo, Wrench
+from tipforce.io import RecordingReader, RecordingWriter, open_source, write_video
+from tipforce.types import Actuation, Catheter, Frame, Observation, SensorInfo, SessionInfo, ViewInfo, Wrench
 
 from .conftest import bend_at, draw_image  # type: ignore[import-not-found]
 
@@ -120,7 +121,63 @@ def test_an_evaluation_notes_the_view_of_each_method(model: Path, runs: Path, tm
     assert "svr reads the view front of the views front, side." in notes
 
 
-@pytest.mark.parametrize("name", [each for each in ESTIMATORS if each != "fusion"])
+def videos(folder: Path, *names: str) -> list[Path]:
+    paths = [folder / name for name in names]
+    for place, path in enumerate(paths):
+        frames = [Frame(k * 40_000_000, GROUND - 20 * place) for k in range(10)]
+        write_video(path, frames, 25.0)
+    return paths
+
+
+def test_videos_of_several_views_become_one_recording(tmp_path: Path) -> None:
+    paths = videos(tmp_path, "run_a.mp4", "run_b.mp4")
+    (tmp_path / "force.csv").write_text("t_s,Fx,Fy,Fz\n" + "\n".join(f"{k * 0.01:.2f},0,0.1,0" for k in range(60)))
+    bench = tmp_path / "bench.toml"
+    bench.write_text("[views.a]\nmetres_per_px = 2e-4\n[views.b]\nmetres_per_px = 3e-4\n")
+    words = [
+        *paths,
+        tmp_path / "force.csv",
+        "--offset-ms",
+        "none",
+        "--tare",
+        "none",
+        "--fact",
+        "sensor.log.force_unit=N",
+    ]
+    result = run("import", *words, "--bench", bench, "-o", tmp_path / "run.mcap")
+    assert result.exit_code == 0, (result.output, result.exception)
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        assert reader.views == ("a", "b")
+        assert [len(reader.stamps(view)) for view in reader.views] == [10, 10]
+        assert [reader.frame_at(0, view).image.mean() for view in "ab"] == pytest.approx([215, 195], abs=2)
+    result = run("import", *words, "-o", tmp_path / "without_bench.mcap")
+    assert result.exit_code == 0, (result.output, result.exception)
+    with RecordingReader(tmp_path / "without_bench.mcap") as reader:
+        assert reader.views == ("a", "b")
+
+
+def test_a_video_whose_view_is_not_known_is_refused_with_a_name_that_serves(tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text("[views.a]\nmetres_per_px = 2e-4\n[views.b]\nmetres_per_px = 3e-4\n")
+    first, second = videos(tmp_path, "one.mp4", "two_b.mp4")
+    refused = run("import", first, second, "--bench", bench, "-o", tmp_path / "run.mcap")
+    assert isinstance(refused.exception, InputError)
+    assert "one.mp4: its view is not known; expected a name that ends in a view of bench.toml, as in one_a.mp4" in str(
+        refused.exception
+    )
+    first.rename(tmp_path / "one_a.mp4")
+    result = run("import", tmp_path / "one_a.mp4", second, "--bench", bench, "-o", tmp_path / "run.mcap")
+    assert result.exit_code == 0, (result.output, result.exception)
+
+
+def test_one_video_has_the_metadata_of_the_view_that_ends_its_name(tmp_path: Path) -> None:
+    (path,) = videos(tmp_path, "run_b.mp4")
+    stated = SessionInfo(views={"a": ViewInfo(2e-4), "b": ViewInfo(3e-4)})
+    with open_source(path, stated=stated) as source:
+        assert {event.view for event in source if isinstance(event, Frame)} == set(source.views) == {"b"}
+
+
+@pytest.mark.parametrize("name", [each for each in ESTIMATORS if each not in ("fusion", "stereo")])
 def test_every_method_of_one_view_follows_the_rule(name: str) -> None:
     method = create(name)
     assert method.for_views(("camera", "a")) is method
@@ -133,6 +190,36 @@ def test_every_method_of_one_view_follows_the_rule(name: str) -> None:
     assert create(name, stated).for_views(("a", "b")).views == ("b",)
     with pytest.raises(InputError, match=r"there is no view 'b'; there are a and c, and .* reads the view b"):
         create(name, stated).for_views(("a", "c"))
+
+
+def test_a_method_of_two_views_needs_both() -> None:
+    stereo = create("stereo")
+    assert stereo.for_views(("a", "b", "camera")) is stereo
+    with pytest.raises(InputError, match="there is no view 'b'; there is a, and stereo reads the views a and b"):
+        stereo.for_views(("a",))
+
+
+def turned_about_x(degrees: float) -> ViewInfo:
+    """A view whose camera looks along z of the base frame, turned about x."""
+    cos, sin = float(np.cos(np.radians(degrees))), float(np.sin(np.radians(degrees)))
+    rows = ((1000.0, 0.0, 0.0, 0.0), (0.0, 1000.0 * cos, -1000.0 * sin, 0.0), (0.0, sin, cos, 0.7))
+    return ViewInfo(2e-4, "left", projection=rows, projection_frame="isocentre")
+
+
+@pytest.mark.parametrize("name", ["rod", "rod-track", "session", "beam"])
+def test_a_planar_rod_is_not_fitted_in_a_view_of_another_plane(name: str) -> None:
+    catheter = Catheter("7F", 2.34e-3, 0.04, 8e-3, bending_stiffness_nm2=8e-4)
+
+    def info(degrees: float) -> SessionInfo:
+        return SessionInfo("s", catheter, {"a": turned_about_x(0.0), "b": turned_about_x(degrees)})
+
+    method = create(name)
+    assert method.reading("a").obstacle(info(84.0)) == method.reading("b").obstacle(info(15.0)) == ""
+    why = method.reading("b").obstacle(info(84.0))
+    assert why.startswith("the view b is turned by 84 degrees from the view a")
+    assert method.reading("b").start(info(84.0)).update(Observation(0, {"b": GROUND})).detail == why
+    unknown = replace(info(84.0), views={"a": ViewInfo(2e-4), "b": ViewInfo(2e-4)})
+    assert method.reading("b").obstacle(unknown) == ""
 
 
 def test_a_shipped_model_and_fusion_read_any_view() -> None:

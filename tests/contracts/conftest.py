@@ -59,6 +59,8 @@ def lay_out(bench: Path, place: Path) -> None:
     session = bench / "session_01"
     for name in ("video.mp4", "force.csv", "stage.csv", "bench.toml"):
         shutil.copy(session / name, place / name)
+    for view in ("a", "b"):
+        shutil.copy(session / "video.mp4", place / f"video_{view}.mp4")
     (place / "runs").mkdir()
     for number in range(8):
         shutil.copy(bench / "runs" / f"session_0{number % 2}.mcap", place / "runs" / f"session_0{number}.mcap")

@@ -147,8 +147,9 @@ def test_a_dataset_of_such_recordings_gives_both_views(run):
 
 
 def test_looking_for_a_view_that_is_not_there_says_which_are(run):
-    with pytest.raises(InputError, match=r"view 'camera' in it; there is a, b: set vision\.view=a"):
-        inspect_frames(run, VisionSettings(), ShapeFeatureSettings())
+    with pytest.raises(InputError, match=r"there is no view 'c'; there are a and b: for example vision\.view=a"):
+        inspect_frames(run, VisionSettings(view="c"), ShapeFeatureSettings())
+    assert inspect_frames(run, VisionSettings(), ShapeFeatureSettings()).figures["frames"] == 11
 
 
 def test_one_view_is_written_as_ever(tmp_path):

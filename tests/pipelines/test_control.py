@@ -92,6 +92,9 @@ class Notes:
     def for_views(self, there: tuple[str, ...]) -> "Notes":
         return self
 
+    def obstacle(self, info: SessionInfo) -> str:
+        return ""
+
     def start(self, info: SessionInfo) -> "Notes":
         return self
 

@@ -153,11 +153,12 @@ class AnnotationImages:
         return [found[name] for name in names]
 
 
-def views_at(path: Path) -> tuple[str, ...]:
+def views_at(path: Path, stated: SessionInfo) -> tuple[str, ...]:
     """Returns the views of a recording, or of the first one in a folder of recordings; else the default view.
 
     Args:
         path: the file or folder.
+        stated: metadata in place of the files' own.
 
     Raises:
         FileFormatError: there is no such file, or it cannot be read.
@@ -165,7 +166,7 @@ def views_at(path: Path) -> tuple[str, ...]:
     recordings = sorted(path.glob("*.mcap")) if path.is_dir() else []
     if path.is_dir() and not recordings:
         return (DEFAULT_VIEW,)
-    with open_source(next(iter(recordings), path)) as source:
+    with open_source(next(iter(recordings), path), stated=stated) as source:
         return views_of(source)
 
 

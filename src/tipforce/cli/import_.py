@@ -56,6 +56,8 @@ def command(
 ) -> None:
     """Make a recording of a video (or folder of images) and its logs, or a dataset folder of recordings.
 
+    Several views on one clock are several videos, each named after its view in bench.toml, as video_a.mp4.
+
     Finds how the two clocks map to each other (offset and rate) from the catheter's own deflection, and the
     contact-free stretch that the sensor is tared on; both are shown, stored, and can be stated instead. Where the clock
     map cannot be determined nothing is written. A log of force has columns Fx, Fy, Fz; one of the stage that moves the
@@ -68,6 +70,8 @@ def command(
     Example: tipforce import frames/ log.tsv --offset-ms none --fact sensor.log.time_unit=ms --fact sensor.log.force_unit=g -o run.mcap
 
     Example: tipforce import video.mp4 force.csv stage.csv --knob-deg 10 -o run.mcap
+
+    Example: tipforce import video_a.mp4 video_b.mp4 force.csv --offset-ms none -o biplane.mcap
 
     Example: tipforce import runs/*.mcap -o dataset/
 
@@ -107,7 +111,8 @@ def command(
         infos = {name: info.updated(stated) for name, info in dataset.session_info.items()}
         _dataset(replace(dataset, session_info=infos), output, overwrite=overwrite, json=json)
         return
-    frames, *others = inputs
+    frames = [path for path in inputs if _shows_like(path, inputs[0])] if not is_bag(inputs[0]) else inputs[:1]
+    others = [path for path in inputs if path not in frames]
     stated = {kind: path for kind, path in (("stage", stage), ("knob", knob)) if path is not None}
     info = stated_info(bench, fact, knob_deg)
     logs = _by_kind(others, stated, info) if stated else others
@@ -127,6 +132,11 @@ def command(
     for line in (*done.remarks, *describe_recording(done.summary)):
         say(line)
     write_json(done.summary.figures() | {"remarks": list(done.remarks)}, json)
+
+
+def _shows_like(path: Path, first: Path) -> bool:
+    """Returns whether ``path`` holds images of another view: a file of the kind of ``first``, or a folder as it is."""
+    return path == first or (path.is_dir() and first.is_dir()) or (bool(first.suffix) and path.suffix == first.suffix)
 
 
 def _refuse_options(recording: Path, *, stage: Path | None, knob: Path | None) -> None:

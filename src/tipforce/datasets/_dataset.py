@@ -27,7 +27,7 @@ class HasViews(Protocol):
     """A store that knows the views of its observations without reading them."""
 
     @property
-    def views(self) -> Iterable[str]:
+    def view_names(self) -> Iterable[str]:
         """Names of the views; an image of one may be absent in some rows."""
         ...
 
@@ -126,7 +126,7 @@ class Dataset:
     def views(self) -> tuple[str, ...]:
         """Names of the samples' views, the first one first."""
         if isinstance(self.store, HasViews):
-            return ordered_views(self.store.views)
+            return ordered_views(self.store.view_names)
         first = next(self.store.read(self.rows[:1]), None)
         return () if first is None else ordered_views(first.views)
 

@@ -172,7 +172,7 @@ class _Several:
     position: IntArray
 
     @property
-    def views(self) -> Iterable[str]:
+    def view_names(self) -> Iterable[str]:
         """Names of the views of all datasets."""
         return (view for dataset in self.parts for view in dataset.views)
 

@@ -154,7 +154,7 @@ class Shards(Table):
     columns: Mapping[str, str]
 
     @property
-    def views(self) -> Iterable[str]:
+    def view_names(self) -> Iterable[str]:
         """Names of the views."""
         return self.columns
 

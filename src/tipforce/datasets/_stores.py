@@ -61,7 +61,7 @@ class ImageFiles(_RowByRow):
     checksums: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
 
     @property
-    def views(self) -> Iterable[str]:
+    def view_names(self) -> Iterable[str]:
         """Names of the views."""
         return self.paths
 
@@ -137,7 +137,7 @@ class Recordings(Table):
     others: tuple[str, ...] = ()
 
     @property
-    def views(self) -> Iterable[str]:
+    def view_names(self) -> Iterable[str]:
         """Names of the views."""
         return (self.view, *self.others)
 

@@ -5,7 +5,6 @@ from ._facts import ModelFacts, ModelSummary
 from ._fit import Training, for_dataset, train
 from ._onnx import export_onnx
 from ._registry import ESTIMATORS, create, method
-from ._session_metadata import missing_metadata
 from .fusion import Fusion, FusionSettings
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator, Stereo, StereoSettings
 from .rod import NoiseSettings, PriorSettings, Rod, RodSettings, RodTrack, RodTrackSettings
@@ -74,7 +73,6 @@ __all__ = [
     "load_pretrained",
     "located",
     "method",
-    "missing_metadata",
     "no_progress",
     "pretrained_names",
     "read_manifest",

@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..types import DEFAULT_VIEW, ForceEstimate, Image, Observation, SessionInfo, missing_views, views_text
 from ..vision import detector_kind
 from ._facts import ModelFacts
+from ._session_metadata import missing_metadata, turned_view
 from ._view_setting import is_stated, with_value
 
 Progress = Callable[[str, float], None]
@@ -157,12 +158,16 @@ class Estimator(ABC):
         Args:
             there: views of the data, the first one first; empty where they are not known.
 
+        Returns:
+            The method itself where it needs no change, or states no views.
+
         Raises:
             InputError: a view that the method reads is absent.
         """
         names = tuple(there)
         lacking = [view for view in self.views if names and view not in names]
-        if not lacking:
+        states_views = bool(self.view_setting) or type(self).views is not Estimator.views
+        if not lacking or not states_views:
             return self
         if self.view_is_stated:
             raise InputError(f"{missing_views(lacking, names)}, and {self.name} reads {views_text(self.views)}")
@@ -255,6 +260,10 @@ class Estimator(ABC):
         """Keys of the session metadata without which there is no estimate, as `SessionInfo.stated_keys` names them."""
         return ()
 
+    def obstacle(self, info: SessionInfo) -> str:
+        """Returns the reason why there is no estimate in any session with these metadata; empty where there may be."""
+        return missing_metadata(self.required_metadata, info)
+
     @property
     def training_sessions(self) -> frozenset[str]:
         """Fingerprints of the training sessions of this method, and of those of its initial model."""
@@ -283,6 +292,20 @@ class CentrelineEstimator(Estimator):
     def calibrates_on_images(self) -> bool:
         """True where the tip template, the length and the threshold are resolved for each session."""
         return detector_kind(self.settings.vision.method).by_session
+
+
+class PlanarRodEstimator(CentrelineEstimator):
+    """A method that fits a planar rod to the centreline; the view must show the plane of the base frame."""
+
+    def obstacle(self, info: SessionInfo) -> str:
+        """See `Estimator.obstacle`; also the reason where the view shows another plane."""
+        return super().obstacle(info) or turned_view(self.views[0], info)
+
+    def check_views(self, dataset: Dataset) -> None:
+        """Raises InputError where the view of a session shows another plane: nothing is learnt from it."""
+        for name, info in dataset.session_info.items():
+            if why := turned_view(self.views[0], info):
+                raise InputError(f"{dataset.title}: {name}: {why}")
 
 
 class FineTunable(Estimator):

@@ -116,10 +116,11 @@ def view_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:
     """
     if len(dataset.views) < 2:
         return []
+    read = {method.label: (method.as_it_comes or method.estimator).views for method in methods}
     return [
-        f"{method.label} reads {views_text((method.as_it_comes or method.estimator).views)} of the views "
-        f"{', '.join(dataset.views)}."
-        for method in methods
+        f"{label} reads {views_text(views)} of the views {', '.join(dataset.views)}."
+        for label, views in read.items()
+        if set(views) <= set(dataset.views)
     ]
 
 

@@ -10,6 +10,7 @@ from ._images import StreamDepth, check_image_target, decode_image, encode_image
 from ._reader import RecordingInfo, RecordingReader, StreamInfo, open_recording
 from ._recover import check_target, recover_recording
 from ._sources import (
+    FilesOfViews,
     FileSource,
     any_reading,
     can_be_read_again,
@@ -42,6 +43,7 @@ __all__ = [
     "Fact",
     "FieldEvidence",
     "FileSource",
+    "FilesOfViews",
     "ForceLog",
     "InFolder",
     "Inertia",

@@ -1,6 +1,8 @@
 """Opens every kind of file that holds events: video, DICOM, images, ROS bag, recording."""
 
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from heapq import merge
 from itertools import islice
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -34,7 +36,7 @@ from .video import VideoFile
 
 
 class FileSource(ClosedAtExit):
-    """A video, a DICOM file, images or a folder of them as a `Source`.
+    """A video, a DICOM file, images or a folder of them as a `Source` of one view.
 
     It may be iterated any number of times, and is read while it is iterated.
 
@@ -42,15 +44,16 @@ class FileSource(ClosedAtExit):
         path: the file or folder.
         actuation: constant readings of drives that the file does not have.
         stated: metadata that replace those of the file.
+        view: name of its view; None: see `view_of_file`.
 
     Raises:
         InputError: ``actuation`` has a drive that the file has, too.
     """
 
-    views = (DEFAULT_VIEW,)
-
-    def __init__(self, path: Path, actuation: Mapping[str, float], stated: SessionInfo) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, actuation: Mapping[str, float], stated: SessionInfo, view: str | None = None
+    ) -> None:
+        self.path, self.views = path, (view or view_of_file(path, stated.views),)
         self._file = _opened(path)
         self._columns = self._file.actuation if isinstance(self._file, ImageFolder) else {}
         constant = {name: value for name, value in stated.actuation.constant.items() if name not in self._columns}
@@ -89,13 +92,79 @@ class FileSource(ClosedAtExit):
         return values[np.isfinite(values)]
 
     def __iter__(self) -> Iterator[Event]:
-        for place, frame in enumerate(self._file.frames()):
+        for place, frame in enumerate(self._file.frames(self.views[0])):
             if place == 0 and self._actuation:
                 yield Actuation(frame.stamp_ns, self._actuation)
             if self._columns:
                 here = {name: float(values[place]) for name, values in self._columns.items()}
                 yield Actuation(frame.stamp_ns, {name: value for name, value in here.items() if value == value})
             yield frame
+
+
+def view_of_file(path: Path, stated: Iterable[str]) -> str:
+    """Returns the name of the view that a file or folder of images shows.
+
+    Args:
+        path: the file or folder.
+        stated: views of the metadata.
+
+    Returns:
+        The only view of the metadata, or the one that ends the name of the file; else the default view.
+
+    >>> view_of_file(Path("video_a.mp4"), ["a", "b"]), view_of_file(Path("video.mp4"), ["a", "b"])
+    ('a', 'camera')
+    """
+    names = tuple(stated)
+    if len(names) == 1:
+        return names[0]
+    ends = [name for name in names if path.stem == name or path.stem.endswith((f"_{name}", f"-{name}"))]
+    return max(ends, key=len, default=DEFAULT_VIEW)
+
+
+class FilesOfViews(ClosedAtExit):
+    """Files of images, one for each view, as one `Source`; their stamps are on one clock.
+
+    A view has the name of the metadata's view that ends the name of its file, as in ``video_a.mp4``. Where the metadata
+    describe no view, it has the last word of this name.
+
+    Args:
+        paths: at least two files or folders.
+        stated: metadata of the session.
+
+    Raises:
+        FileFormatError: a file cannot be read.
+        InputError: two files have the same view, or the metadata do not describe the view of a file.
+    """
+
+    def __init__(self, paths: Sequence[Path], stated: SessionInfo) -> None:
+        names = {path: view_of_file(path, stated.views) for path in paths}
+        if not stated.views:
+            names = {path: re.split(r"\W|_", path.stem)[-1] or path.stem for path in paths}
+        for path, view in names.items():
+            if list(names.values()).count(view) > 1 or (stated.views and view not in stated.views):
+                described = ", ".join(stated.views) or "no view"
+                raise InputError(
+                    f"{path}: its view is not known; expected a name that ends in a view of bench.toml, as in "
+                    f"{path.stem}_{next(iter(stated.views), 'a')}{path.suffix}; the metadata describe {described}"
+                )
+        self._files = [FileSource(path, {}, stated, view) for path, view in names.items()]
+        self.views, self.session_info = tuple(names.values()), self._files[0].session_info
+
+    @property
+    def frame_count(self) -> int:
+        """Number of images that all files state; 0 where one states none."""
+        counts = [file.frame_count for file in self._files]
+        return sum(counts) if all(counts) else 0
+
+    @property
+    def numbered(self) -> bool:
+        """Whether the stamps of a file only count its images."""
+        return any(file.numbered for file in self._files)
+
+    def __iter__(self) -> Iterator[Event]:
+        first, *others = self._files  # readings of drives come with the first view
+        images = ((event for event in file if isinstance(event, Frame)) for file in others)
+        yield from merge(first, *images, key=lambda event: event.stamp_ns)
 
 
 def _opened(path: Path) -> ImageFolder | ImageStack | DicomFile | VideoFile:

@@ -80,9 +80,11 @@ class AnnotationJob:
         self._bench_file = bench_file
         if detector.exists() and not (detector / FACTS).is_file():
             raise InputError(f"{detector}: exists already and is no detector of a training; choose another folder")
-        self._vision = AnnotateSettings.model_validate(settings or {}).vision.for_views(views_at(path), path)
+        stated = session_info_from(bench)
+        vision = AnnotateSettings.model_validate(settings or {}).vision
+        self._vision = vision.for_views(views_at(path, stated), path)
         self.path, self.detector = path, detector
-        self.images = AnnotationImages(path, self._vision.view, session_info_from(bench))
+        self.images = AnnotationImages(path, self._vision.view, stated)
         self.store = AnnotationStore(path, self._vision.view)
         lost = [name for name in self.store.frames if name not in self.images]
         if lost:

@@ -19,7 +19,7 @@ from ..alignment import observations
 from ..clinical import ClinicalState, ContactMonitor, ContactSettings, Duration
 from ..datasets import file_names, open_source
 from ..errors import InputError
-from ..estimators import Estimator, Progress, Stream, load_model, missing_metadata
+from ..estimators import Estimator, Progress, Stream, load_model
 from ..io import (
     VideoWriter,
     atomic_text,
@@ -235,9 +235,8 @@ def for_source(estimator: Estimator, source: Source) -> Estimator:
         advice = f"; state view={there[0]} to read that one" if estimator.view_setting else ""
         raise InputError(f"{name}: {error}{advice}") from None
     require_actuation(source, estimator.required_actuation)
-    missing = missing_metadata(estimator.required_metadata, source.session_info)
-    if missing:
-        raise InputError(f"{name}: {missing}")
+    if why := estimator.obstacle(source.session_info):
+        raise InputError(f"{name}: {why}")
     return estimator
 
 

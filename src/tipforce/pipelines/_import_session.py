@@ -14,6 +14,7 @@ from ..io import (
     Bag,
     ClockMap,
     DriveLog,
+    FilesOfViews,
     FileSource,
     ForceLog,
     RecordingWriter,
@@ -100,7 +101,7 @@ class _Feed:
 
 
 def import_session(
-    frames: Path | str,
+    frames: Path | str | Sequence[Path | str],
     logs: Logs,
     output: Path | str,
     *,
@@ -121,8 +122,8 @@ def import_session(
     the map cannot be determined nothing is written.
 
     Args:
-        frames: a video, DICOM file or folder of images; or a ROS bag (.bag, .db3, .mcap or a folder), whose topics
-            ``bench`` names.
+        frames: a video, DICOM file or folder of images; or several, one for each view, on one clock (see
+            `io.FilesOfViews`); or a ROS bag (.bag, .db3, .mcap or a folder), whose topics ``bench`` names.
         logs: the force log; or several logs, of force, stage and knob, recognised by their columns (see
             `logs_by_kind`); or kind ("force", "stage", "knob") -> log. The stage's positions, NAME_m or NAME_mm,
             serve to take the sensor's inertia out.
@@ -150,7 +151,9 @@ def import_session(
     target, info = Path(output), session_info_from(bench)
     refuse_target(target, overwrite=overwrite, origin="import")
     clock = ClockChoice("none" if offset_ms == "start" else offset_ms, rate)
-    bag, logs = _bag(Path(frames), logs, info)
+    views = [Path(frames)] if isinstance(frames, str | Path) else [Path(each) for each in frames]
+    frames = views[0]
+    bag, logs = _bag(frames, logs, info)
     by_kind = _by_kind(logs, info)
     force_log, knob_log, stage_log = (by_kind.get(kind) for kind in ("force", "knob", "stage"))
     knob_column = info.actuation.knob_column
@@ -160,11 +163,14 @@ def import_session(
     if bag is not None:
         remarks += (f"{bag.path.name}: {remark}" for remark in bag.remarks)
         log = log or bag.force
-    source = replace(bag, joints=None) if bag and bag.views else FileSource(Path(frames), {}, info)
+    if bag and bag.views:
+        source = replace(bag, joints=None)
+    else:
+        source = FilesOfViews(views, info) if len(views) > 1 else FileSource(frames, {}, info)
     if source.numbered and (log is not None or knob_log is not None or stage_log is not None):
         raise FileFormatError(
             f"{frames}: neither a table nor the names of the images say when they were taken, so a log cannot be "
-            f"aligned with them; write {Path(frames) / 'stamps.csv'} with the columns file_name,stamp_ns"
+            f"aligned with them; write {frames / 'stamps.csv'} with the columns file_name,stamp_ns"
         )
     first_ns = next(event.stamp_ns for event in source)
     if log is not None and offset_ms == "start":
@@ -218,7 +224,7 @@ def import_session(
             progress("reading frames", min(count / max(source.frame_count, count), 1.0))
 
     try:
-        names = (Path(frames).name, str(force_log or (bag.path if bag else "")))
+        names = (frames.name, str(force_log or (bag.path if bag else "")))
         facts = write_run(
             writer,
             events,
@@ -232,9 +238,9 @@ def import_session(
             None if log is None else log.status,
             knob,
         )
-        origin = force_log or (bag.path if bag else Path(frames))
+        origin = force_log or (bag.path if bag else frames)
         _check_drives(drives, (first_ns, last_ns), knob_log or origin, stage_log or origin)
-        writer.note("tipforce.import", _origin(Path(frames), force_log, knob_log, log, shift_ns))
+        writer.note("tipforce.import", _origin(frames, force_log, knob_log, log, shift_ns))
         writer.close()
     except BaseException:
         writer.abandon()

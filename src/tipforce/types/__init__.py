@@ -1,7 +1,8 @@
 """Data types of all packages. SI units; stamps are integer nanoseconds at mid-exposure.
 
 Image coordinates: u right, v down, pixel centres at integers. Base frame: origin at the base, x along the base tangent
-toward the tip, y 90 degrees counter-clockwise from x as seen in the displayed image, z toward the camera.
+toward the tip, y 90 degrees counter-clockwise from x as seen in the displayed image of the first view, z toward its
+camera.
 Force: from the tissue on the tip, in the base frame.
 """
 

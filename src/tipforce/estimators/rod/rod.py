@@ -18,9 +18,9 @@ from ...datasets import Dataset
 from ...errors import ModelError
 from ...mechanics.planar import FORCE, UNKNOWNS, Found, Line, Work, fit_line, make_work
 from ...types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
-from .._base import CentrelineEstimator, Progress, Stream, no_progress
+from .._base import PlanarRodEstimator, Progress, Stream, no_progress
 from .._reading import Abstention
-from .._session_metadata import UninformedStream, missing_metadata
+from .._session_metadata import UninformedStream
 from ._calibration import Widths, calibrated_widths
 from ._detection import Detected, Detection
 from ._facts import PriorFacts, RodFacts
@@ -42,7 +42,7 @@ class _Fitted:
     widths: Widths
 
 
-class RodEstimator(CentrelineEstimator):
+class RodEstimator(PlanarRodEstimator):
     """Base class of `rod`, `rod-track` and `session`; before `fit`, ``fitted_`` holds the settings' own."""
 
     settings_type = RodSettings
@@ -63,6 +63,7 @@ class RodEstimator(CentrelineEstimator):
 
         Raises InputError where the catheter is found in none of the images.
         """
+        self.check_views(dataset)
         if self.settings.learn:
             knowledge = learn(self.settings, dataset, progress or no_progress)
             self.fitted_ = replace(self.fitted_, knowledge=knowledge)
@@ -125,8 +126,8 @@ class HistoryRodEstimator(RodEstimator):
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
         """A stream for one session; see `Estimator.start`."""
-        if missing := missing_metadata(self.required_metadata, info):
-            return UninformedStream(missing)
+        if why := self.obstacle(info):
+            return UninformedStream(why)
         return type(self).stream_type(self.settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
 
 
@@ -150,8 +151,8 @@ class Rod(RodEstimator):
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
         """A stream for one session; see `Estimator.start`."""
-        if missing := missing_metadata(self.required_metadata, info):
-            return UninformedStream(missing)
+        if why := self.obstacle(info):
+            return UninformedStream(why)
         assert isinstance(self.settings, RodSettings)
         return RodStream(self.settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
 

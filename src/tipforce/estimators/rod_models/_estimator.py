@@ -25,12 +25,12 @@ from ...mechanics import (
 )
 from ...types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
 from ...vision import ResolvedVision, SessionDetector, VisionSettings
-from .._base import CentrelineEstimator, Progress, Stream, no_progress
+from .._base import PlanarRodEstimator, Progress, Stream, no_progress
 from .._builder import MAX_FORCE_N, implausible
 from .._facts import ModelFacts, ModelSummary
 from .._left_out import left_out_by_session, left_out_text, refuse_left_out
 from .._reading import Abstention
-from .._session_metadata import UninformedStream, missing_metadata
+from .._session_metadata import UninformedStream
 from .._values import LARGEST, stored_array
 from ..uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 from ._inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
@@ -129,7 +129,7 @@ class RodModelFacts(ModelFacts, frozen=True):
         return ModelSummary(inputs, "a rod model", (f"{text}. {self.breaks}",), (text, *lost))
 
 
-class RodModelEstimator(CentrelineEstimator):
+class RodModelEstimator(PlanarRodEstimator):
     """One rod model as a method; see the module. ``fitted_`` is None where it was not fitted."""
 
     settings_type = RodModelSettings
@@ -165,6 +165,7 @@ class RodModelEstimator(CentrelineEstimator):
                 or scale.
         """
         report = progress or no_progress
+        self.check_views(dataset)
         if not dataset.known[:2].all():
             raise InputError(f"{dataset.title}: {self.name} needs forces along x and y, and these data lack one")
         stated = self.settings.stiffness_nm2 is not None or all(
@@ -233,8 +234,8 @@ class RodModelEstimator(CentrelineEstimator):
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
         """Returns a stream for one session; see `Estimator.start`."""
-        if missing := missing_metadata(self.required_metadata, info):
-            return UninformedStream(missing)
+        if why := self.obstacle(info):
+            return UninformedStream(why)
         return RodModelStream(self, info, images)
 
     def estimate(self, line: RodLine, info: SessionInfo, stamp_ns: int) -> ForceEstimate:
