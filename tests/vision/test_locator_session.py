@@ -128,6 +128,20 @@ def test_a_click_on_the_base_is_obeyed():
     assert np.linalg.norm(line.points[0] - base) < 6.0
 
 
+def test_the_catheter_begins_at_the_base_in_the_stated_box_and_not_at_the_edge_of_the_box():
+    images, curves, info = session()
+    u, v = np.rint(curves[0][0]).astype(int).tolist()
+    camera = info.view("camera")
+    box = u - 25, v - 25, u + 25, v + 25
+    stated = SessionInfo(info.name, info.catheter, {"camera": replace(camera, base_region=box)})
+    vision = auto_calibrate(AUTO, images, stated)
+    assert vision.base_region is not None
+    low_u, low_v, high_u, high_v = vision.base_region
+    base_line = {"left": (low_u, u), "right": (high_u, u), "top": (low_v, v), "bottom": (high_v, v)}
+    at, true = base_line[vision.base_side]
+    assert at == pytest.approx(true, abs=8.0)
+
+
 def _covered(image: Image, tip: np.ndarray, radius_px: int) -> Image:
     """Returns ``image`` with a square of one colour over the tip."""
     u, v = np.rint(tip).astype(int).tolist()

@@ -309,7 +309,7 @@ def _way(stated: VisionSettings, constants: SessionConstants, frame: Image) -> V
     side = stated.base_side if stated.base_side != "auto" else side_of(constants.heading_rad)
     polarity: Polarity = stated.polarity if stated.polarity != "auto" else "dark" if constants.darker else "light"
     box = stated.base_region
-    if box is None:
+    if box is None or (stated.method == "auto" and constants.base_in_view):
         box = base_box(constants.base_px, side, constants.diameter_px, frame.shape[:2])
     return stated.model_copy(update={"base_side": side, "polarity": polarity, "base_region": box})
 
