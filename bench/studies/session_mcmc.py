@@ -23,7 +23,6 @@ from numba import njit
 
 from tipforce.estimators.rod import POINTS, Knowledge, NoiseSettings, rod_model
 from tipforce.estimators.session import SessionFilter, SessionPriors, SessionSettings
-from tipforce.estimators.session._directions import directions_of
 from tipforce.estimators.session._state import COUNT, GAIN, K0, SessionState, fill_camera_modes
 from tipforce.estimators.session._walk import Scratch, Session, make_scratch, predict
 from tipforce.mechanics.planar import FORCE, UNKNOWNS, Line, make_work
@@ -41,10 +40,7 @@ SETTINGS = SessionSettings(
 
 
 class Frames(NamedTuple):
-    """Lines of one session, (n, ...): see `Line`; ``touching`` (n,), ``knob_deg`` (n,), ``modes`` (n, ...).
-
-    ``springs_nm``, ``angles_rad`` (n, segments + 1): see `Line`.
-    """
+    """Lines of one session, (n, ...): see `Line`; ``touching`` (n,), ``knob_deg`` (n,), ``modes`` (n, ...)."""
 
     points: FloatArray
     normals: FloatArray
@@ -53,8 +49,6 @@ class Frames(NamedTuple):
     knob_deg: FloatArray
     touching: np.ndarray
     modes: FloatArray
-    springs_nm: FloatArray
-    angles_rad: FloatArray
 
 
 @njit(cache=True, nogil=True)
@@ -109,10 +103,7 @@ def density(
                 value -= math.log(size)
                 for k in range(2):
                     gradient[own + k] -= q[k] / size**2
-        line = Line(
-            frames.points[t], frames.normals[t], frames.from_tip[t], frames.middle[t], np.zeros(2), False, np.zeros(0),
-            frames.springs_nm[t], frames.angles_rad[t],
-        )  # fmt: skip
+        line = Line(frames.points[t], frames.normals[t], frames.from_tip[t], frames.middle[t], np.zeros(2))
         now = Session(
             session.model, frames.modes[t], session.whiten, session.gain_per_m_deg, frames.knob_deg[t],
             session.lever_per_m_n, session.huber, session.largest_n,
@@ -234,18 +225,13 @@ def by_chain(
     """Returns the posterior of the chain, and figures of the chain."""
     fresh = SessionState(SETTINGS, Knowledge.stated(SETTINGS), info, float(knobs[0]))
     model, scratch = filter_._model, make_scratch(make_work(filter_._model, POINTS, COUNT), COUNT)
-    assert filter_.state is not None
-    spring_nm = SETTINGS.shape_springs * model.stiffness_nm2 / model.flexible_m
-    modes, held = [], []
+    modes = []
     for line in lines:
-        angles, shown = directions_of(line, None, model, filter_.state.mean)
-        held.append((spring_nm * shown, angles))
         fill_camera_modes(filter_._modes, line, model, SETTINGS)
         modes.append(filter_._modes.copy())
     frames = Frames(
         *(np.array([getattr(line, name) for line in lines]) for name in ("points", "normals", "from_tip", "middle")),
         knobs, touching, np.array(modes),
-        *(np.array([each[k] for each in held]) for k in range(2)),
     )  # fmt: skip
     fresh.knob_deg = float(knobs[-1])
     session = filter_._session(fresh)

@@ -20,6 +20,8 @@ from tipforce.pipelines._simulate import preset_settings
 from tipforce.simulation import PRESETS
 from tipforce.types import Frame
 
+from ..two_view_set import write_two_view_set  # type: ignore[import-not-found]
+
 SMALL = {"bench-2021": (320, 240), "generalise": (320, 240), "fluoro": (256, 256)}
 """Presets that examples name, and the size of image that makes them quick."""
 
@@ -61,6 +63,7 @@ def lay_out(bench: Path, place: Path) -> None:
         shutil.copy(session / name, place / name)
     for view in ("a", "b"):
         shutil.copy(session / "video.mp4", place / f"video_{view}.mp4")
+    write_two_view_set(place / "soft-arm-two-views" / "pulled")
     (place / "runs").mkdir()
     for number in range(8):
         shutil.copy(bench / "runs" / f"session_0{number % 2}.mcap", place / "runs" / f"session_0{number}.mcap")

@@ -11,6 +11,8 @@ from tipforce.datasets import open_dataset
 from tipforce.errors import FileFormatError, TableError
 from tipforce.types import ShapeFeatures
 
+from ..two_view_set import write_two_view_set  # type: ignore[import-not-found]
+
 REAL = Path(os.environ.get("TIPFORCE_REAL_DATA", ""))
 needs_real = pytest.mark.skipif(
     "TIPFORCE_REAL_DATA" not in os.environ or not REAL.is_dir(),
@@ -76,22 +78,6 @@ def test_soft_arm_images_are_turned_upright(tmp_path: Path) -> None:
         file["target_test"] = np.zeros((2, 3, 1, 1))
     with pytest.raises(FileFormatError, match=r"target_test has the shape \(2, 3, 1, 1\), expected \(3, 3, 1, 1\)"):
         open_dataset(tmp_path)
-
-
-def write_two_view_set(folder: Path, samples: int = 3) -> dict[str, np.ndarray]:
-    """Writes a set as the source does; returns the arrays of its files."""
-    h5py = pytest.importorskip("h5py")
-    folder.mkdir(parents=True)
-    images = np.zeros((samples, 3, 64, 64))
-    images[:, 0, 2, 60] = 1.0  # column 2, row 60 as MATLAB stores it
-    images[:, 2, 30, 10] = 0.5
-    pressures = np.linspace(0.1, 0.6, 6) + 0.01 * np.arange(samples)[:, None]
-    images[:, 1] = np.tile(np.pad(pressures, ((0, 0), (0, 2))), 8)[:, None]
-    arrays = {"input_test": images, "target_test": np.arange(3.0 * samples).reshape(samples, 3, 1, 1)}
-    for name, values in arrays.items():
-        with h5py.File(folder / f"{name}.mat", "w") as file:
-            file[name] = values
-    return arrays
 
 
 def test_sets_with_two_views_become_sessions_with_both_views_and_the_chamber_pressures(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ ROD = Elastic(
     soft=1 / 40**2,
     scale=4.3e-4 / 0.04,
 )
-LOAD = Load(-0.1, 0.05, 1e-3, np.linspace([0.02, 0.0], [-0.05, 0.04], N), np.zeros(0), np.zeros(0))
+LOAD = Load(-0.1, 0.05, 1e-3, np.linspace([0.02, 0.0], [-0.05, 0.04], N))
 
 
 def dense(theta, load=LOAD):

@@ -75,7 +75,7 @@ def command(
 
     Example: tipforce import runs/*.mcap -o dataset/
 
-    Example: tipforce import soft-arm-two-views/ -o dataset/
+    Example: tipforce import soft-arm-two-views/ -o set/
 
     Example: tipforce import damaged.mcap -o recovered.mcap
     """  # noqa: E501

@@ -98,9 +98,9 @@ class FusionSettings(BaseModel):
 
     network: Annotated[str, Field(min_length=1, max_length=4096)] = "pretrained/compact-wide"
     """Folder of the `compact` model; its own copy is kept in the saved model."""
-    rod: RodTrackSettings = RodTrackSettings(vision=VisionSettings(method="auto", max_tip_std_px=3.0))
+    rod: RodTrackSettings = RodTrackSettings(vision=VisionSettings(method="auto"))
     """Settings of `rod-track`. Where the tracer finds no catheter the networks of detection search it: the rod and the
-    network for the force reject a line of another object. The tip must be seen: the network reads it."""
+    network for the force reject a line of another object."""
     max_distance: Annotated[float, Field(gt=0, le=1e6)] = 50.0
     """Largest squared Mahalanobis distance of the two forces. A Gaussian's exceeds 13.8 once in 1,000; the rod, pushed
     along its axis by a clamp that moves, is no Gaussian and reads 1.3 N for 0.2 N (docs/results/trust.md)."""

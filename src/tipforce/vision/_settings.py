@@ -61,7 +61,7 @@ class VisionSettings(BaseModel):
     """Points of the centreline."""
     max_tip_std_px: Annotated[float, Field(gt=0, le=MAX_TIP_STD_PX)] | None = None
     """A frame whose tip is known less exactly than this standard deviation is refused: its tip is hidden. None: 3 px,
-    and no limit for the methods `rod`, `rod-track` and `session`, which leave hidden points out."""
+    and no limit for the method `session`, which leaves hidden points out."""
     detector: str | None = None
     """Folder of a locator that `tipforce annotate` fine-tuned. None: the one of the session's view, else the one that
     comes with tipforce."""

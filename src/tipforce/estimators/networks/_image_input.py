@@ -304,3 +304,15 @@ def _average_areas(
                 mean[x] += across[k, x] * row[left[x] + k * channels]
         for x in range(mean.size):
             out[y, x] = np.uint8(mean[x])
+
+
+def modality(info: SessionInfo, view: str) -> str:
+    """Returns the modality of the images of ``view``; a camera where none is stated."""
+    return info.view(view).modality or "camera"
+
+
+UNLIKE = {
+    "camera": "these are images of a camera, and the model was trained on X-ray images",
+    "xray": "these are X-ray images, and the model was trained on those of a camera",
+}
+"""Sentence for images of another modality than those of the training, by the modality."""

@@ -5,7 +5,7 @@ import json
 import math
 import tempfile
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
@@ -39,7 +39,7 @@ from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_ev
 from ._facts import NetworkFacts, NetworkTraining
 from ._fitted import FittedNetwork
 from ._graph import Graph
-from ._image_input import is_white_noise
+from ._image_input import UNLIKE, is_white_noise, modality
 from ._network_state import NetworkState
 from ._preparation import (
     PREPARED_FILE,
@@ -50,6 +50,7 @@ from ._preparation import (
     Spec,
     Specs,
     actuation_spec,
+    joint_masks,
     prepare,
     read_inputs,
     standardisation,
@@ -260,7 +261,7 @@ class NetworkEstimator(FineTunable):
             facts=NetworkTraining(
                 **dict(result.facts),
                 modalities=tuple(
-                    sorted({_modality(info, view) for info in dataset.session_info.values() for view in self.views})
+                    sorted({modality(info, view) for info in dataset.session_info.values() for view in self.views})
                 ),
                 required_metadata=required,
                 known_metadata=available,
@@ -322,7 +323,7 @@ class NetworkEstimator(FineTunable):
         heatmap = self.heatmap_spec()
         masks: Iterable[Masks | None] = repeat(None, len(dataset))
         if heatmap is not None and all(dataset.has_masks(view) for view in self.views):
-            specs["heatmap"], masks = heatmap, _joint_masks(dataset, self.views)
+            specs["heatmap"], masks = heatmap, joint_masks(dataset, self.views)
         sessions = [repr(dataset.session_info[name]) for name in sorted(dataset.session_info)]
         elsewhere = {*TrainConfig.model_fields, "max_left_out"}  # these do not change the prepared inputs
         key = "\n".join([self.name, self.settings.model_dump_json(exclude=elsewhere), *sessions])
@@ -560,8 +561,8 @@ class NetworkStream:
     ) -> None:
         self._fitted, self._reader, self._build = fitted, reader, build
         self._actuation, self._info, self._views = actuation, info, views
-        unlike = [each for each in (_modality(info, view) for view in views) if each not in fitted.facts.modalities]
-        self._unlike = _UNLIKE[unlike[0]] if unlike else ""
+        unlike = [each for each in (modality(info, view) for view in views) if each not in fitted.facts.modalities]
+        self._unlike = UNLIKE[unlike[0]] if unlike else ""
 
     def update(self, observation: Observation) -> ForceEstimate:
         """Returns the estimate for this observation; its status says why where there is no force."""
@@ -585,23 +586,6 @@ class NetworkStream:
                 detail = f"{which} is noise: neighbouring pixels are not correlated"
                 return ForceEstimate.invalid(observation.stamp_ns, Status.NO_CATHETER, detail)
         return fitted.graph(**{name: value[None] for name, value in row.items()})
-
-
-def _joint_masks(dataset: Dataset, views: Sequence[str]) -> Iterator[Masks | None]:
-    """Yields the masks of each sample in all views; None where one has no mask."""
-    for masks in zip(*(dataset.masks(view) for view in views), strict=True):
-        known = tuple(mask for mask in masks if mask is not None)
-        yield known if len(known) == len(views) else None
-
-
-def _modality(info: SessionInfo, view: str) -> str:
-    return info.view(view).modality or "camera"
-
-
-_UNLIKE = {
-    "camera": "these are images of a camera, and the model was trained on X-ray images",
-    "xray": "these are X-ray images, and the model was trained on those of a camera",
-}
 
 
 def _no_interval(known: BoolArray) -> Interval:

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -226,3 +226,10 @@ def _opened(folder: Path, specs: Specs, index: IntArray, first_skipped: str) -> 
 
 def _path(folder: Path, name: str) -> Path:
     return folder / f"{name}.npy"
+
+
+def joint_masks(dataset: Dataset, views: Sequence[str]) -> Iterator[Masks | None]:
+    """Yields the masks of each sample in all ``views``; None where one has no mask."""
+    for masks in zip(*(dataset.masks(view) for view in views), strict=True):
+        known = tuple(mask for mask in masks if mask is not None)
+        yield known if len(known) == len(views) else None

@@ -164,7 +164,7 @@ class RodStream:
         self, settings: RodSettings, knowledge: Knowledge, widths: Widths, info: SessionInfo, images: Sequence[Image]
     ) -> None:
         self._settings, self._knowledge, self._widths, self._info = settings, knowledge, widths, info
-        self._detection = Detection(settings.vision, info, images, hidden_tips=True)
+        self._detection = Detection(settings.vision, info, images)
         model = rod_model(info, settings.segments)
         self._solver = ContactFit(settings, knowledge, model)
 

@@ -33,7 +33,7 @@ class RodTrackStream:
         images: Sequence[Image],
     ) -> None:
         self._settings, self._widths, self._info = settings, widths, info
-        self._detection = Detection(settings.vision, info, images, hidden_tips=True)
+        self._detection = Detection(settings.vision, info, images)
         self._filter = ContactFilter(settings, knowledge, rod_model(info, settings.segments), info)
         self._explained = RecentShare(settings.explained_s)
         self._stamp_ns: int | None = None

@@ -14,7 +14,6 @@ import numpy as np
 from ...mechanics.planar import FORCE, Line, Model, fit_line, inverse, make_work, solve_in
 from ...types import FloatArray, SessionInfo
 from ..rod import MODES, POINTS, Knowledge, LineError, Mixed, NoiseLevel, StatedErrors, noise_unit_m
-from ._directions import directions_of
 from ._mixture import mixed_constants, mixed_force
 from ._settings import SessionSettings
 from ._state import COUNT, K0, ROD, SessionState, X, fill_camera_modes, line_modes
@@ -119,9 +118,7 @@ class SessionFilter:
         change = 1.0 - math.exp(-elapsed_s / self._settings.contact_s)
         share = self._share * (1.0 - change) + (1.0 - self._share) * change
         self._fill_noise(line, stated)
-        angles, shown = directions_of(line, stated, self._model, state.mean)
-        spring_nm = self._settings.shape_springs * self._model.stiffness_nm2 / self._model.flexible_m
-        line = line._replace(crept_per_m=self._crept_per_m, springs_nm=spring_nm * shown, angles_rad=angles)
+        line = line._replace(crept_per_m=self._crept_per_m)
         fits = self._fit(line, state)
         force = self._force(fits, share)
         misfit = min(fits.free.chi2, fits.touch.chi2) / self._rows
@@ -206,7 +203,7 @@ class SessionFilter:
         return _Hypotheses(free, free_q, free_factor, touch, touch_q, found, step_n, c, s)
 
     def _cold_starts(self, line: Line, state: SessionState) -> tuple[FloatArray, FloatArray]:
-        """Fits the rod alone, without and with a force, from the straight rod on; no springs hold it yet."""
+        """Fits the rod alone, without and with a force, from the straight rod on."""
         prior_mean, covariance = state.rod_prior()
         mean = np.concatenate([np.zeros(FORCE), prior_mean])
         information = np.zeros((ROD, ROD))
@@ -216,12 +213,11 @@ class SessionFilter:
         whiten = error.whiten / unit_m
         q, result, nothing = mean.copy(), np.zeros((ROD, ROD)), np.zeros((POINTS + 1, 0))
         q[X : X + 2] = line.points[0]
-        free_line = line._replace(springs_nm=np.zeros(0))
         starts: list[FloatArray] = []
         for which, std_n in (("free", 1e-6), ("touch", _START_N)):
             information[:FORCE, :FORCE] = np.eye(FORCE) / std_n**2
             fit_line(
-                q, mean, information, self._model, free_line, nothing, whiten, self._settings.huber, _COLD_STEPS, True,
+                q, mean, information, self._model, line, nothing, whiten, self._settings.huber, _COLD_STEPS, True,
                 self._cold_work, result,
             )  # fmt: skip
             self._shapes[which] = self._cold_work.theta.copy()

@@ -36,10 +36,6 @@ class SessionSettings(LineSettings):
     update_s: Annotated[float, Field(ge=0, le=60)] = 1.0
     """Time between two frames from which the session's constants are learnt. Errors of the model are the same in
     neighbouring frames, so that all frames have little more information on the constants than one in this time."""
-    shape_springs: Annotated[float, Field(ge=0, le=10)] = 0.1
-    """Springs hold the rod in the shape of the line: stiffness for each of its elements, over EI / length. The tissue
-    holds shapes that a dead load would let buckle further, with stiffnesses down to -0.02 in `varied`. The springs
-    have no load where the rod has the shape of the line: they also say how exactly its moments are known."""
     contact_s: _Positive = 0.5
     """Mean time in contact, and without."""
     knob_drift: _Positive = 0.01

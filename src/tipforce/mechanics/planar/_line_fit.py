@@ -55,8 +55,8 @@ _FX, _FY, _K0, _EI, _PROXIMAL, _SOFT, _LENGTH, _SCALE, _X, _Y, _ANGLE, _TILT_X, 
 )
 _ROD_UNKNOWNS = 7
 """Number of the first unknowns, which change the rod's shape; creep does, too."""
-_CREPT, _TURNED = _ROD_UNKNOWNS, _ROD_UNKNOWNS + 1
-"""Places of the creep, and of the clamp's direction by way of the springs, among the derivatives of the shape."""
+_CREPT = _ROD_UNKNOWNS
+"""Place of the creep among the derivatives of the shape."""
 _NONE = np.zeros(0)
 
 _CONVERGED_STEP = 0.05
@@ -102,9 +102,6 @@ class Line(NamedTuple):
             the residual, along the line, means nothing: ``whiten`` must leave it out.
         crept_per_m: (segments + 1,) mean of the earlier curvature beyond the unloaded one over the time of creep, at
             each joint: a share of it remains. Empty: ``past_n`` counts.
-        springs_nm: (segments + 1,) springs that hold the rod's elements in the directions of the line, N m per rad, so
-            that shapes are found that a dead load would not keep stable; empty: none.
-        angles_rad: (segments + 1,) directions of the line at the elements, in its frame.
     """
 
     points: FloatArray
@@ -114,8 +111,6 @@ class Line(NamedTuple):
     past_n: FloatArray
     from_clamp: bool = False
     crept_per_m: FloatArray = _NONE
-    springs_nm: FloatArray = _NONE
-    angles_rad: FloatArray = _NONE
 
 
 class Work(NamedTuple):
@@ -176,7 +171,7 @@ def make_work(model: Model, points: int, unknowns: int) -> Work:
     n, rows = model.segments + 1, points + 1
     return Work(
         np.zeros(n), np.zeros(n), np.zeros((SCRATCH + 4, n)), np.zeros(n), np.zeros(n), np.zeros((n, 2)),
-        np.zeros((2, n + 1)), np.zeros((_ROD_UNKNOWNS + 2, 2, n + 1)), np.zeros(rows), np.zeros((rows, unknowns)),
+        np.zeros((2, n + 1)), np.zeros((_ROD_UNKNOWNS + 1, 2, n + 1)), np.zeros(rows), np.zeros((rows, unknowns)),
         np.zeros((rows, unknowns + 1)), np.zeros((unknowns, unknowns)), np.zeros((unknowns, unknowns)),
         np.zeros(unknowns), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
     )  # fmt: skip
@@ -214,15 +209,13 @@ def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool
         work.k0[i] = q[_K0] + (q[_CREEP] * line.crept_per_m[i] if line.crept_per_m.size else 0.0)
     rod = Elastic(h, model.rigid_m - model.dome_m, work.ei, work.k0, q[_SOFT], model.stiffness_nm2 / model.flexible_m)
     fx, fy = _load(q, line)
-    load = Load(fx, fy, 0.0, work.carried, line.springs_nm, line.angles_rad - q[_ANGLE])
+    load = Load(fx, fy, 0.0, work.carried)
     if cold:
         angle = 0.0
         for i in range(n):
             angle += q[_K0] * (h if 0 < i < n - 1 else 0.5 * h)
             work.theta[i] = angle
         outcome, _ = follow(work.theta, rod, load, 0.5, work.scratch)
-        if line.springs_nm.size:
-            outcome = relax_in(work.theta, rod, load, TOLERANCE, work.scratch[:SCRATCH])
     else:
         outcome = relax_in(work.theta, rod, load, 1e3 * TOLERANCE, work.scratch[:SCRATCH])
     firm = 1e300
@@ -241,14 +234,12 @@ def _turn_rates(q: FloatArray, model: Model, line: Line, work: Work) -> None:
     fx, fy = _load(q, line)
     cosine, sine = work.scratch[COSINE], work.scratch[SINE]
     side = work.before
-    for parameter in range(_ROD_UNKNOWNS + (2 if line.springs_nm.size else 1)):
+    for parameter in range(_ROD_UNKNOWNS + 1):
         previous = 0.0
         for i in range(n):
             reach = h if i < last else model.rigid_m - model.dome_m
             value = 0.0
-            if parameter == _TURNED:
-                value = -line.springs_nm[i]
-            elif parameter == _FX:
+            if parameter == _FX:
                 value = -reach * sine[i]
             elif parameter == _FY:
                 value = reach * cosine[i]
@@ -375,11 +366,10 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
             work.slopes[row, _RADIAL] = way * square
             work.slopes[row, _CREEP] = line.past_n[0] * work.slopes[row, _FX] + line.past_n[1] * work.slopes[row, _FY]
             if arc >= 0.0:
-                for k in range(_CREPT, _CREPT + (2 if line.springs_nm.size else 1)):
-                    moves = work.turns[k]
-                    mx = moves[0, first] + share * (moves[0, first + 1] - moves[0, first])
-                    my = moves[1, first] + share * (moves[1, first + 1] - moves[1, first])
-                    work.slopes[row, _CREEP if k == _CREPT else _ANGLE] += bx * mx + by * my
+                moves = work.turns[_CREPT]
+                mx = moves[0, first] + share * (moves[0, first + 1] - moves[0, first])
+                my = moves[1, first] + share * (moves[1, first + 1] - moves[1, first])
+                work.slopes[row, _CREEP] += bx * mx + by * my
             for k in range(modes.shape[1]):
                 work.slopes[row, count - modes.shape[1] + k] = modes[row, k]
 

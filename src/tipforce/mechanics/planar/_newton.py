@@ -34,16 +34,12 @@ class Load(NamedTuple):
         fy: force at the lever's end along y.
         m: moment about z at the lever's end.
         carried: (n, 2) distributed load beyond each segment, and half of its own, which acts at its middle.
-        springs_nm: (n,) stiffness of a spring for each angle, N m per rad; empty: none.
-        rest_rad: (n,) angles at which the springs are free of load.
     """
 
     fx: float
     fy: float
     m: float
     carried: FloatArray
-    springs_nm: FloatArray
-    rest_rad: FloatArray
 
 
 class Solution(NamedTuple):
@@ -134,8 +130,6 @@ def energy_at(theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elas
         x += reach * cosine[i]
         y += reach * sine[i]
         spread += reach * (load.carried[i, 0] * cosine[i] + load.carried[i, 1] * sine[i])
-    for i in range(load.springs_nm.size):
-        bend += 0.5 * load.springs_nm[i] * (theta[i] - load.rest_rad[i]) ** 2
     return bend - load.fx * x - load.fy * y - load.m * theta[last] - spread
 
 
@@ -164,9 +158,6 @@ def _assemble(
             diagonal[i - 1] += slope
             upper[i - 1] = -slope
     gradient[last] -= load.m
-    for i in range(load.springs_nm.size):
-        gradient[i] += load.springs_nm[i] * (theta[i] - load.rest_rad[i])
-        diagonal[i] += load.springs_nm[i]
     residual = 0.0
     for i in range(last + 1):
         residual = max(residual, abs(gradient[i]))
@@ -313,8 +304,7 @@ def _copy(source: FloatArray, target: FloatArray) -> None:
 def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: FloatArray) -> tuple[Solution, bool]:
     """Moves a shape from the unloaded one to that of the whole load.
 
-    A branch that becomes unstable without a fold (a straight rod pushed along its axis) is followed further. Springs
-    are left out.
+    A branch that becomes unstable without a fold (a straight rod pushed along its axis) is followed further.
 
     Args:
         theta: (n,) angles of the elements in rad; unloaded shape, then result.
@@ -329,8 +319,7 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
     n = theta.size
     work, before, way, way_before = scratch[:SCRATCH], scratch[SCRATCH], scratch[SCRATCH + 1], scratch[SCRATCH + 2]
     way_last, carried = scratch[SCRATCH + 3], np.zeros((n, 2))
-    none = np.zeros(0)
-    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried, none, none), _PATH_TOLERANCE, work)
+    outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), _PATH_TOLERANCE, work)
     _tangent(rod, load, work, way)
     _copy(way, way_last)
     stable = outcome.stable
@@ -354,7 +343,7 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
                 theta[i] += step * way[i] + bent * (way[i] - way_last[i])
         for i in range(n):
             carried[i, 0], carried[i, 1] = target * load.carried[i, 0], target * load.carried[i, 1]
-        part = Load(target * load.fx, target * load.fy, target * load.m, carried, none, none)
+        part = Load(target * load.fx, target * load.fy, target * load.m, carried)
         tolerance = TOLERANCE if target == 1.0 else _PATH_TOLERANCE
         outcome = relax_in(theta, rod, part, tolerance, work)
         iterations += outcome.iterations

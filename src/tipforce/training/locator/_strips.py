@@ -54,7 +54,7 @@ STRIP_FIELDS = tuple(field.name for field in fields(StripTarget))
 
 
 def strip_target(source: StripSource, rng: np.random.Generator) -> StripTarget:
-    """Returns a strip along a line near the true one, or along another one, and what the network learns from it.
+    """Returns a strip along a line near the true one, or along another one, with the values that the network learns.
 
     Args:
         source: the image with its catheter.
