@@ -68,7 +68,18 @@ def test_a_method_without_fit_fits_in(bench: Path) -> None:
         method.calibrate(data)
 
 
-@pytest.mark.parametrize("name", [name for name, kind in ESTIMATORS.items() if not kind.needs_fit])
+ALIKE = ("mass-spring", "pseudo-rigid", "strain", "links", "elastica", "arcs")
+"""Rod models that share the code of `beam`: they differ in the rod alone."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in ALIKE else [])
+        for name, kind in ESTIMATORS.items()
+        if not kind.needs_fit
+    ],
+)
 def test_a_method_that_needs_no_fit_estimates_learns_and_is_saved(name: str, bench: Path, tmp_path: Path) -> None:
     data = open_dataset(bench / "runs")
     some = data.subset(np.arange(0, len(data), 16))

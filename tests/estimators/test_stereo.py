@@ -102,6 +102,7 @@ def test_a_saved_model_estimates_the_same_without_the_decoder_of_the_masks(learn
     assert "two views" in (tmp_path / "model" / "README.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_model_can_be_fine_tuned_from_the_exported_graph(learnt):
     tuned = Stereo(QUICK.model_copy(update={"epochs": 1})).fine_tuned_from(learnt)
     facts = tuned.fit(pairs(seed=3)).describe()

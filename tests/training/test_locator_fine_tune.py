@@ -119,6 +119,7 @@ def test_the_stored_windows_are_of_composed_scenes_and_of_camera_and_x_ray_prese
     assert np.std(on) > 20.0
 
 
+@pytest.mark.slow
 def test_the_seed_decides_and_the_frozen_part_stays(network, rehearsal):
     annotated = [example(0), example(1, present=False)]
     settings = FineTuneSettings(steps=2, batch=4)

@@ -116,6 +116,7 @@ def test_the_objects_are_drawn_with_their_numbers_and_no_bar_hides_them(two_shaf
     assert drawing[top : top + len(shown)].std(axis=2).max() > 60
 
 
+@pytest.mark.slow
 def test_inspect_shows_the_objects_and_its_advice_can_be_followed(two_shafts: list[Image], tmp_path: Path) -> None:
     folder, bench = tmp_path / "frames", tmp_path / "bench.toml"
     folder.mkdir()
