@@ -103,7 +103,9 @@ def density(
                 value -= math.log(size)
                 for k in range(2):
                     gradient[own + k] -= q[k] / size**2
-        line = Line(frames.points[t], frames.normals[t], frames.from_tip[t], frames.middle[t], np.zeros(2))
+        line = Line(
+            frames.points[t], frames.normals[t], frames.from_tip[t], frames.middle[t], np.zeros(2), False, np.zeros(0),
+        )  # fmt: skip
         now = Session(
             session.model, frames.modes[t], session.whiten, session.gain_per_m_deg, frames.knob_deg[t],
             session.lever_per_m_n, session.huber, session.largest_n,

@@ -1,9 +1,16 @@
-"""Convolution blocks of the small networks."""
+"""Blocks that the small networks share."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
+
+BLOCK_PX = 4
+"""Side of the squares of pixels that become the channels of the first layer. No information is lost, and the image in
+full size, where convolutions would take most of the time, is never convolved."""
+CONTRAST_FLOOR = 4.0
+"""Grey levels added to an image's standard deviation, so that noise in an even image is not amplified."""
 
 
 def convolution(channels_in: int, channels_out: int, kernel: int = 3, stride: int = 1) -> "nn.Module":
@@ -38,3 +45,30 @@ def residual_block(channels: int) -> "nn.Module":
             return torch.relu(x + self.second(self.first(x)))
 
     return ResidualBlock()
+
+
+def encoder_levels(channels: Sequence[int], blocks: Sequence[int]) -> "nn.ModuleList":
+    """Returns the levels of an encoder of `image_blocks`: each but the first halves the side.
+
+    Args:
+        channels: channels of each level.
+        blocks: number of residual blocks of each level.
+    """
+    from torch import nn
+
+    levels, before = nn.ModuleList(), BLOCK_PX * BLOCK_PX
+    for level, (after, count) in enumerate(zip(channels, blocks, strict=True)):
+        entry = convolution(before, after, 3, 1 if level == 0 else 2)
+        levels.append(nn.Sequential(entry, *(residual_block(after) for _ in range(count))))
+        before = after
+    return levels
+
+
+def image_blocks(image: "Tensor") -> "Tensor":
+    """Returns grey images (n, size, size) with zero mean and unit contrast, in blocks: (n, `BLOCK_PX`^2, h, h)."""
+    import torch
+
+    x = image.float().unsqueeze(1)
+    x = x - x.mean((2, 3), keepdim=True)
+    x = x / ((x * x).mean((2, 3), keepdim=True).sqrt() + CONTRAST_FLOOR)
+    return torch.nn.functional.pixel_unshuffle(x, BLOCK_PX)

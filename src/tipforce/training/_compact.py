@@ -23,7 +23,7 @@ import numpy.typing as npt
 from ..errors import InputError
 from ..types import IntArray
 from ._augmentation import CURVATURE, Augmentation, augment_image, centre_crop
-from ._blocks import convolution, residual_block
+from ._blocks import convolution, encoder_levels, image_blocks
 from ._data import HEATMAP_UNKNOWN, TrainingSamples
 from ._task import Batch, Weights
 
@@ -71,9 +71,6 @@ DOUBLE_WEIGHT_N = 0.2
 """A force of this size has weight 2, of twice this size weight 3: large forces are rare, and would be estimated too
 near to the usual ones, which is the dangerous side."""
 
-BLOCK_PX = 4
-"""Side of the squares of pixels that become the channels of the first layer. No information is lost, and the image in
-full size, where convolutions would take most of the time, is never convolved."""
 _HEATMAP_PX = 8
 """Image pixels to one pixel of the heatmap."""
 _CHANNELS = (32, 64, 112, 112)
@@ -81,8 +78,6 @@ _RESIDUAL_BLOCKS = (0, 1, 1, 0)
 """Residual blocks on each level."""
 _GRID_CHANNELS = 32
 LOG_VARIANCE_RANGE = -9.0, 3.0
-CONTRAST_FLOOR = 4.0
-"""Grey levels added to an image's standard deviation, so that noise in an even image is not amplified."""
 
 
 @dataclass(frozen=True)
@@ -317,14 +312,9 @@ def build_compact(
 
         def __init__(self) -> None:
             super().__init__()
-            before = BLOCK_PX * BLOCK_PX
-            self.levels = nn.ModuleList()
-            for level, (channels, blocks) in enumerate(zip(_CHANNELS, _RESIDUAL_BLOCKS, strict=True)):
-                entry = convolution(before, channels, 3, 1 if level == 0 else 2)
-                self.levels.append(nn.Sequential(entry, *(residual_block(channels) for _ in range(blocks))))
-                before = channels
+            self.levels = encoder_levels(_CHANNELS, _RESIDUAL_BLOCKS)
             grid = _GRID_CHANNELS * (size // 32) ** 2
-            self.grid_projection = convolution(before, _GRID_CHANNELS, 1)
+            self.grid_projection = convolution(_CHANNELS[-1], _GRID_CHANNELS, 1)
             self.dense = nn.Linear(grid, FEATURES)
             self.film = nn.Sequential(nn.Linear(metadata + len(actuation), 32), nn.ReLU(), nn.Linear(32, 2 * FEATURES))
             self.hidden = nn.Linear(FEATURES, FEATURES)
@@ -373,11 +363,7 @@ def build_compact(
 
         def single(self, image: Tensor, metadata: Tensor, actuation: Tensor | None) -> tuple[Tensor, ...]:
             """Returns the outputs for each image alone, without its mirror image."""
-            x = image.float().unsqueeze(1)
-            x = x - x.mean((2, 3), keepdim=True)
-            x = x / ((x * x).mean((2, 3), keepdim=True).sqrt() + CONTRAST_FLOOR)
-            x = torch.nn.functional.pixel_unshuffle(x, BLOCK_PX)
-            x = self.levels[1](self.levels[0](x))
+            x = self.levels[1](self.levels[0](image_blocks(image)))
             heatmap = self.heatmap_head(x)
             for level in self.levels[2:]:
                 x = level(x)

@@ -15,8 +15,8 @@ import numpy as np
 from ..errors import InputError
 from ..types import IntArray
 from ._augmentation import CURVATURE, augment_image, centre_crop
-from ._blocks import convolution, residual_block
-from ._compact import BLOCK_PX, COMPACT_UNIT_N, CONTRAST_FLOOR, FEATURES, LOG_VARIANCE_RANGE, CompactTask
+from ._blocks import convolution, encoder_levels, image_blocks
+from ._compact import COMPACT_UNIT_N, FEATURES, LOG_VARIANCE_RANGE, CompactTask
 from ._data import HEATMAP_UNKNOWN, TrainingSamples
 from ._task import Batch, Weights
 
@@ -173,14 +173,9 @@ def build_stereo(
 
         def __init__(self) -> None:
             super().__init__()
-            before = BLOCK_PX * BLOCK_PX
-            self.levels = nn.ModuleList()
-            for level, (channels, blocks) in enumerate(zip(_CHANNELS, _RESIDUAL_BLOCKS, strict=True)):
-                entry = convolution(before, channels, 3, 1 if level == 0 else 2)
-                self.levels.append(nn.Sequential(entry, *(residual_block(channels) for _ in range(blocks))))
-                before = channels
+            self.levels = encoder_levels(_CHANNELS, _RESIDUAL_BLOCKS)
             grid = VIEWS * _GRID_CHANNELS * (size // 32) ** 2
-            self.grid_projection = convolution(before, _GRID_CHANNELS, 1)
+            self.grid_projection = convolution(_CHANNELS[-1], _GRID_CHANNELS, 1)
             self.dense = nn.Linear(grid, FEATURES)
             self.film = nn.Sequential(nn.Linear(metadata + len(actuation), 32), nn.ReLU(), nn.Linear(32, 2 * FEATURES))
             self.hidden = nn.Linear(FEATURES, FEATURES)
@@ -215,10 +210,7 @@ def build_stereo(
 
         def encoded(self, image: Tensor) -> list[Tensor]:
             """Returns the features of all levels, (2 n, channels, h, h): both views of a sample one after the other."""
-            x = image.float().flatten(0, 1).unsqueeze(1)
-            x = x - x.mean((2, 3), keepdim=True)
-            x = x / ((x * x).mean((2, 3), keepdim=True).sqrt() + CONTRAST_FLOOR)
-            x = torch.nn.functional.pixel_unshuffle(x, BLOCK_PX)
+            x = image_blocks(image.flatten(0, 1))
             found: list[Tensor] = []
             for level in self.levels:
                 x = level(x)
