@@ -15,26 +15,13 @@ from tipforce.pipelines._record import _RunDetector
 from tipforce.types import Catheter, Frame, Image, SessionInfo, ViewInfo, read_bench
 from tipforce.vision import SessionDetector, VisionSettings, _session_calibration, advise, auto_calibrate, draw_objects
 
-WIDTH, HEIGHT, SCALE = 320, 240, 8
+from .drawn_tubes import SIZE, draw_tubes  # type: ignore[import-not-found]
+
+WIDTH, HEIGHT = SIZE
 DIAMETER, LENGTH = 10.0, 180.0
 CATHETER = Catheter("drawn", 0.01, 0.16, 0.02)
 SESSION = SessionInfo("monday", CATHETER, {"camera": ViewInfo(1e-3, "left")})
 MOUTHS = (70.0, 170.0)
-
-
-def _image(seed: int, *tubes: tuple[np.ndarray, float, float]) -> Image:
-    """An image of tubes: points, diameter, grey."""
-    rng = np.random.default_rng(seed)
-    image = np.full((HEIGHT * SCALE, WIDTH * SCALE), 200.0)
-    for points, diameter, grey in tubes:
-        fine = (points + 0.5) * SCALE
-        way = np.gradient(fine, axis=0)
-        aside = 0.5 * SCALE * diameter * np.column_stack([-way[:, 1], way[:, 0]])
-        aside /= np.linalg.norm(way, axis=1)[:, None]
-        outline = np.vstack([fine + aside, (fine - aside)[::-1]])
-        cv2.fillPoly(image, [np.rint(outline * 16).astype(np.int32)], grey, cv2.LINE_8, 4)
-    small = cv2.GaussianBlur(cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA), (0, 0), 0.8)
-    return np.clip(np.rint(small + rng.normal(0.0, 2.0, small.shape)), 0, 255).astype(np.uint8)
 
 
 def _shaft(v: float, turn: float) -> list[tuple[np.ndarray, float, float]]:
@@ -50,7 +37,7 @@ def _shaft(v: float, turn: float) -> list[tuple[np.ndarray, float, float]]:
 @pytest.fixture(scope="module")
 def two_shafts() -> list[Image]:
     turns = np.linspace(-0.25, 0.25, 8)
-    return [_image(k, *[tube for v in MOUTHS for tube in _shaft(v, turn)]) for k, turn in enumerate(turns)]
+    return [draw_tubes(k, *[tube for v in MOUTHS for tube in _shaft(v, turn)]) for k, turn in enumerate(turns)]
 
 
 def _followed(advice: str, folder: Path, number: int) -> SessionInfo:
@@ -83,7 +70,7 @@ def test_of_two_shafts_each_is_found_by_the_line_of_bench_toml_that_the_advice_n
 
 
 def test_a_wrong_scale_is_named_with_the_scale_that_finds_the_catheter(tmp_path: Path) -> None:
-    images = [_image(k, *_shaft(120.0, turn)) for k, turn in enumerate(np.linspace(-0.5, 0.5, 8))]
+    images = [draw_tubes(k, *_shaft(120.0, turn)) for k, turn in enumerate(np.linspace(-0.5, 0.5, 8))]
     info = replace(SESSION, views={"camera": ViewInfo(2.2e-3, "left")})
     refused = SessionDetector(VisionSettings(), info, images).detect(images[0])
     assert not refused.found

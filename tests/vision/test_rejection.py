@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -16,7 +15,8 @@ from tipforce.vision import (
     session_vision,
 )
 
-SIZE, SCALE = (320, 240), 4
+from .drawn_tubes import SIZE, draw_tubes  # type: ignore[import-not-found]
+
 DIAMETER, LENGTH = 10.0, 180.0
 MOUTH = np.array([60.0, 120.0])
 SESSION = SessionInfo("monday", Catheter("drawn", 0.01, 0.16, 0.02), {"camera": ViewInfo(1e-3, "left")})
@@ -31,22 +31,6 @@ def _arc(base: np.ndarray, turn: float, length: float = LENGTH) -> np.ndarray:
     return base + np.vstack([np.zeros(2), np.cumsum(steps[:-1], axis=0)])
 
 
-def _draw(seed: int, *tubes: tuple[np.ndarray, float, float], light: bool = False) -> Image:
-    """An image of tubes: points, diameter, grey."""
-    rng = np.random.default_rng(seed)
-    image = np.full((SIZE[1] * SCALE, SIZE[0] * SCALE), 200.0)
-    for points, diameter, grey in tubes:
-        fine = (points + 0.5) * SCALE
-        way = np.gradient(fine, axis=0)
-        aside = 0.5 * SCALE * diameter * np.column_stack([-way[:, 1], way[:, 0]])
-        aside /= np.linalg.norm(way, axis=1)[:, None]
-        outline = np.vstack([fine + aside, (fine - aside)[::-1]])
-        cv2.fillPoly(image, [np.rint(outline * 16).astype(np.int32)], grey, cv2.LINE_8, 4)
-    small = cv2.GaussianBlur(cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA), (0, 0), 0.8)
-    noisy = np.clip(np.rint(small + rng.normal(0.0, 2.0, small.shape)), 0, 255).astype(np.uint8)
-    return 255 - noisy if light else noisy
-
-
 def _straight(u0: float, u1: float, v: float) -> np.ndarray:
     return np.column_stack([np.linspace(u0, u1, 100), np.full(100, v)])
 
@@ -54,7 +38,7 @@ def _straight(u0: float, u1: float, v: float) -> np.ndarray:
 def _sheathed(light: bool = False, grey: float = 90.0) -> tuple[list[Image], list[np.ndarray]]:
     shafts = [_arc(MOUTH, turn) for turn in BENDS]
     sheath = (_straight(-20.0, MOUTH[0], MOUTH[1]), 1.9 * DIAMETER, grey)
-    return [_draw(k, (shaft, DIAMETER, 60.0), sheath, light=light) for k, shaft in enumerate(shafts)], shafts
+    return [draw_tubes(k, (shaft, DIAMETER, 60.0), sheath, light=light) for k, shaft in enumerate(shafts)], shafts
 
 
 @pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
@@ -83,7 +67,7 @@ def test_the_base_lies_at_the_mouth_of_a_sheath(side: BaseSide, light: bool) -> 
 
 def test_a_sheath_without_a_shaft_of_the_stated_length_is_not_taken() -> None:
     sheath = (_straight(-20.0, MOUTH[0], MOUTH[1]), 1.9 * DIAMETER, 90.0)
-    images = [_draw(k, (_arc(MOUTH, turn, 120.0), DIAMETER, 60.0), sheath) for k, turn in enumerate(BENDS)]
+    images = [draw_tubes(k, (_arc(MOUTH, turn, 120.0), DIAMETER, 60.0), sheath) for k, turn in enumerate(BENDS)]
     detector = ShapeDetector(session_vision(VisionSettings(), images, SESSION))
     assert not any(detector.detect(image).found for image in images)
 
@@ -94,16 +78,16 @@ def _moving(k: int) -> tuple[np.ndarray, float, float]:
 
 def test_a_shaft_that_stands_still_while_the_images_change_is_not_the_catheter() -> None:
     still = (_arc(MOUTH, 0.2), DIAMETER, 60.0), (_straight(-20.0, MOUTH[0], MOUTH[1]), 1.9 * DIAMETER, 90.0)
-    waiting = [_draw(k, *still) for k in range(8)]
+    waiting = [draw_tubes(k, *still) for k in range(8)]
     assert auto_calibrate(VisionSettings(), waiting, SESSION).base_side == "left"
-    passed = [_draw(k, *still, _moving(k)) for k in range(8)]
+    passed = [draw_tubes(k, *still, _moving(k)) for k in range(8)]
     with pytest.raises(InputError, match="neither moves nor bends"):
         auto_calibrate(VisionSettings(), passed, SESSION)
 
 
 def _posts() -> list[Image]:
     post = (_straight(-20.0, 175.0, 60.0), DIAMETER, 60.0)
-    return [_draw(k, post, (_straight(200.0 + 8 * k, 240.0 + 8 * k, 180.0), 30.0, 120.0)) for k in range(8)]
+    return [draw_tubes(k, post, (_straight(200.0 + 8 * k, 240.0 + 8 * k, 180.0), 30.0, 120.0)) for k in range(8)]
 
 
 def test_a_post_is_not_the_catheter() -> None:
@@ -118,7 +102,7 @@ def test_of_two_shafts_with_sheaths_it_asks_which() -> None:
         for v in (70.0, 170.0):
             base = np.array([MOUTH[0], v])
             tubes += [(_arc(base, 0.5 * turn), DIAMETER, 60.0), (_straight(-20.0, base[0], v), 1.9 * DIAMETER, 90.0)]
-        images.append(_draw(k, *tubes))
+        images.append(draw_tubes(k, *tubes))
     with pytest.raises(InputError, match=r"two objects could be the catheter.*mark the shaft's base"):
         auto_calibrate(VisionSettings(), images, SESSION)
 
@@ -126,7 +110,9 @@ def test_of_two_shafts_with_sheaths_it_asks_which() -> None:
 def test_what_is_marked_already_is_not_asked_for_again() -> None:
     """The mark lies on the post, whose width is not the catheter's."""
     post = (_straight(-20.0, 240.0, 60.0), 2.4 * DIAMETER, 60.0)
-    images = [_draw(k, post, (_arc(np.array([60.0, 180.0]), turn), DIAMETER, 60.0)) for k, turn in enumerate(BENDS)]
+    images = [
+        draw_tubes(k, post, (_arc(np.array([60.0, 180.0]), turn), DIAMETER, 60.0)) for k, turn in enumerate(BENDS)
+    ]
     view = replace(SESSION.views["camera"], base_region=(2, 45, 24, 75))
     with pytest.raises(InputError) as refused:
         auto_calibrate(VisionSettings(), images, replace(SESSION, views={"camera": view}))
@@ -137,13 +123,13 @@ def test_what_is_marked_already_is_not_asked_for_again() -> None:
 def test_a_cable_that_something_moves_over_is_not_the_catheter() -> None:
     cable = (_straight(-20.0, 190.0, 60.0), DIAMETER, 60.0)
     ends = np.linspace(168.0, 182.0, 8)
-    images = [_draw(k, cable, (_straight(end, 230.0, 60.0), 40.0, 200.0)) for k, end in enumerate(ends)]
+    images = [draw_tubes(k, cable, (_straight(end, 230.0, 60.0), 40.0, 200.0)) for k, end in enumerate(ends)]
     with pytest.raises(InputError, match=r"visible in 0 of 8 images|neither moves nor bends"):
         auto_calibrate(VisionSettings(), images, SESSION)
 
 
 def _clamped() -> list[Image]:
-    return [_draw(k, (_arc(np.array([-8.0, 120.0]), turn), DIAMETER, 60.0)) for k, turn in enumerate(BENDS)]
+    return [draw_tubes(k, (_arc(np.array([-8.0, 120.0]), turn), DIAMETER, 60.0)) for k, turn in enumerate(BENDS)]
 
 
 def test_a_line_that_the_image_supports_is_probably_right_and_one_that_ends_hidden_is_refused() -> None:
@@ -179,5 +165,5 @@ def test_a_session_that_is_refused_is_refused_in_each_of_its_images() -> None:
 
 
 def test_where_the_metadata_tell_no_size_each_image_is_looked_at_by_itself() -> None:
-    empty = [_draw(k) for k in range(4)]
+    empty = [draw_tubes(k) for k in range(4)]
     assert session_vision(VisionSettings(), empty, SessionInfo()) == VisionSettings()

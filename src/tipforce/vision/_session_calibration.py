@@ -169,11 +169,10 @@ class SessionCalibration:
         self._next = 2 * self._count
         while len(self._kept) > KEPT_IMAGES:
             self._kept, self._every = self._kept[::2], 2 * self._every
-        self.refusal = None
         try:
-            return auto_calibrate(self._settings, self._kept, self._info, whole=False)
-        except NoCatheterError as error:
-            self.refusal = error
-        except InputError:
-            pass
-        return None  # no catheter in these images: the detection stays as it was
+            found = auto_calibrate(self._settings, self._kept, self._info, whole=False)
+        except InputError as error:  # no catheter in these images: the detection stays as it was
+            self.refusal = error if isinstance(error, NoCatheterError) else None
+            return None
+        self.refusal = None
+        return found
