@@ -13,7 +13,7 @@ from tipforce.estimators import create
 from tipforce.io import open_source
 from tipforce.pipelines import estimate, import_session, inspect, train
 from tipforce.types import Catheter, DetectedShape, Frame, SessionInfo, ViewInfo
-from tipforce.vision import ResolvedVision, SessionDetector, VisionSettings
+from tipforce.vision import RESOLVED_AFTER_IMAGES, ResolvedVision, SessionDetector, VisionSettings
 
 from ..short_run import Run, draw_image, run  # type: ignore[import-not-found]
 
@@ -125,12 +125,12 @@ def test_a_video_is_inspected_as_it_is_estimated(
 def test_live_detects_as_in_a_file_of_its_first_images_once_it_has_resolved(run: Run) -> None:
     images = [event.image for event in open_source(run.video) if isinstance(event, Frame)]
     live, file = (SessionDetector(VisionSettings(), SessionInfo("s"), some) for some in ((), images[:50:5]))
-    assert not isinstance(live.vision, ResolvedVision), "before, each image is looked at by itself"
-    for image in images[:50]:
+    for image in images[: 50 + RESOLVED_AFTER_IMAGES]:
+        assert not isinstance(live.vision, ResolvedVision), "a thread resolves it, and no image waits"
         live.detect(image)
     assert isinstance(live.vision, ResolvedVision)
     assert live.vision.base_side == file.vision.base_side
-    for image in images[50:90]:
+    for image in images[50 + RESOLVED_AFTER_IMAGES : 99]:
         here, there = live.detect(image), file.detect(image)
         assert here.status == there.status
         if here.centreline is not None and there.centreline is not None:

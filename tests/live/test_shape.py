@@ -5,8 +5,9 @@ import pytest
 
 from tipforce.live._shape import ShapeFinder
 from tipforce.types import DetectedShape, SessionInfo, Status, ViewInfo
+from tipforce.vision import RESOLVED_AFTER_IMAGES
 
-from .conftest import Camera, Method, Notes, wait_until
+from .conftest import Camera, Method, Notes
 
 
 def test_the_shape_is_found_once_the_first_images_have_resolved_how(tube):
@@ -17,8 +18,7 @@ def test_the_shape_is_found_once_the_first_images_have_resolved_how(tube):
         found = finder.find(images[number % 3])
         if found is not None:
             break
-        wait_until(lambda: finder._task.done(), 60.0)
-    assert 50 <= number < 60
+    assert number == 50 + RESOLVED_AFTER_IMAGES - 1
     for image in images:
         assert finder.find(image).found
     rest = finder.find(images[2])

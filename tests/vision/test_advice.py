@@ -134,12 +134,13 @@ def test_a_session_whose_images_come_one_by_one_gets_the_advice_once_they_are_re
 ) -> None:
     monkeypatch.setattr(_session_calibration, "_FIRST", len(two_shafts))
     monkeypatch.setattr(_session_calibration, "_EVERY", 1)
+    monkeypatch.setattr(_session_calibration, "RESOLVED_AFTER_IMAGES", 2)
     asked = []
     monkeypatch.setattr(_session_calibration, "advise", lambda *words: asked.append(1) or advise(*words))
     detector = SessionDetector(VisionSettings(), SESSION)
     details = [detector.detect(image).detail for image in (*two_shafts, *two_shafts[:3])]
-    assert "views.camera.base_region = [" not in details[6]
-    assert all("views.camera.base_region = [" in detail for detail in details[7:])
+    assert not any("views.camera.base_region = [" in detail for detail in details[:9])
+    assert all("views.camera.base_region = [" in detail for detail in details[9:])
     assert len(asked) == 1
     info = _followed(details[-1], tmp_path, 1)
     assert SessionDetector(VisionSettings(), info, two_shafts).detect(two_shafts[0]).found

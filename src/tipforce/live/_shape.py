@@ -1,14 +1,12 @@
 """Detects the shape of the catheter for page and recording if the method (a network) does not detect it."""
 
 import math
-from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
 from ..types import DetectedShape, Image, SessionInfo
 from ..vision import (
     INWARD,
-    ResolvedVision,
     SessionCalibration,
     ShapeDetector,
     VisionSettings,
@@ -19,8 +17,7 @@ from ..vision import (
 class ShapeFinder:
     """Detects the catheter in the images of one view, after the first images have resolved the settings.
 
-    Detection takes a tenth of a millisecond. Resolving the settings takes up to a second, on a thread of its own;
-    images that come meanwhile are not used for it.
+    Detection takes a tenth of a millisecond; `SessionCalibration` resolves the settings.
 
     Args:
         view: name of the view.
@@ -31,8 +28,6 @@ class ShapeFinder:
         self._calibration = SessionCalibration(VisionSettings(view=view), info)
         about = info.view(view)
         self._side, self._scale = about.base_side or "left", about.metres_per_px
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="live-shape")
-        self._task: Future[ResolvedVision | None] | None = None
         self._detector: ShapeDetector | None = None
 
     def find(self, image: Image, advance_mm: float = 0.0) -> DetectedShape | None:
@@ -42,20 +37,17 @@ class ShapeFinder:
             image: the image (h, w) or (h, w, 3).
             advance_mm: advance of the clamp; the image is shifted by it if the scale is known.
         """
-        task = self._task
-        if task is not None and task.done() and (found := task.result()) is not None:
-            self._detector = ShapeDetector(found)
-            self._side = found.base_side
         if not math.isfinite(advance_mm):
             return None  # the position of the base is not known
         advance_px = 0 if self._scale is None else round(1e-3 * advance_mm / self._scale)
         from_clamp = image_from_clamp(image, self._side, advance_px)
-        if task is None or task.done():
-            self._task = self._pool.submit(self._calibration.add, from_clamp)
+        resolved = self._calibration.add(from_clamp)
+        if resolved is not None and (found := resolved.vision) is not None:
+            self._detector, self._side = ShapeDetector(found), found.base_side
         if self._detector is None:
             return None
         return self._detector.detect(from_clamp).moved(advance_px * np.array(INWARD[self._side]))
 
     def close(self) -> None:
         """Ends the detector: no image comes any more."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._calibration.close()

@@ -1,6 +1,8 @@
 """Detection of the catheter in one session, resolved on its own images: the same for every verb and method."""
 
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 
 from ..errors import InputError, NoCatheterError
 from ..types import DetectedShape, Image, SessionInfo, Status
@@ -12,6 +14,8 @@ from ._settings import BaseSide, ResolvedVision, VisionSettings
 
 _FIRST, _EVERY = 50, 5
 """The detection is resolved on the first 50 images, every fifth of them."""
+RESOLVED_AFTER_IMAGES = 30
+"""The result holds this number of images later, in every run alike: a thread needs 0.4 to 4 s for it meanwhile."""
 KEPT_IMAGES = 16
 """Images from all over the session on which it is resolved again, whenever the session has doubled."""
 
@@ -127,11 +131,11 @@ class SessionDetector:
             resolved = self._detector.resolved
             if self._calibration is not None and shape.found and resolved is not None and resolved is not self.vision:
                 self._begun = ShapeDetector(resolved, self._info)
-        if self._calibration is not None:
-            if (found := self._calibration.add(image)) is not None:
-                self._detector, self._begun, self._refusal = ShapeDetector(found, self._info), None, None
-            elif self._refusal is None and self._calibration.refusal is not None:
-                self._refusal, self._refused_images = self._calibration.refusal, self._calibration.kept
+        if self._calibration is not None and (resolved := self._calibration.add(image)) is not None:
+            if resolved.vision is not None:
+                self._detector, self._begun, self._refusal = ShapeDetector(resolved.vision, self._info), None, None
+            elif self._refusal is None and resolved.refusal is not None:
+                self._refusal, self._advice = resolved.refusal, resolved.advice or self._advice
         if self._refusal is None:
             return shape
         unclear = self._refusal.several and not isinstance(self.vision, ResolvedVision)
@@ -140,39 +144,61 @@ class SessionDetector:
         return shape
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Resolved:
+    """Result of `SessionCalibration`.
+
+    Attributes:
+        vision: the resolved detection; None where the images show no catheter.
+        refusal: the reason why they show none, where there is a sure one.
+        advice: the fact that would help most; the first time that there is a reason.
+    """
+
+    vision: ResolvedVision | None
+    refusal: NoCatheterError | None = None
+    advice: Advice | None = None
+
+
 class SessionCalibration:
-    """Resolves the detection on the images of one session as these come.
+    """Resolves the detection on the images of one session as these come, on a thread of its own.
 
     While the catheter does not move, the ground beneath it does not change: therefore it is resolved again as the
-    session goes on, whenever it has doubled.
+    session goes on, whenever it has doubled. A result holds `RESOLVED_AFTER_IMAGES` later, so that the estimates of a
+    run do not depend on the speed of the computer; only where the thread is not ready by then the image waits for it.
     """
 
     def __init__(self, settings: VisionSettings, info: SessionInfo) -> None:
         self._settings, self._info = settings, info
-        self.refusal: NoCatheterError | None = None
-        """Why the last images show no catheter; None where they do."""
         self._kept: list[Image] = []
         self._count, self._every, self._next = 0, _EVERY, _FIRST
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="session-detection")
+        self._task: Future[Resolved] | None = None
+        self._advised = False
 
-    @property
-    def kept(self) -> tuple[Image, ...]:
-        """The images on which it was resolved."""
-        return tuple(self._kept)
-
-    def add(self, image: Image) -> ResolvedVision | None:
-        """Takes the next image; returns the detection when it was resolved anew."""
+    def add(self, image: Image) -> Resolved | None:
+        """Takes the next image; returns the result at the image from which on it holds, None at the others."""
         if self._count % self._every == 0:
             self._kept.append(image)
         self._count += 1
-        if self._count < self._next:
-            return None
-        self._next = 2 * self._count
-        while len(self._kept) > KEPT_IMAGES:
-            self._kept, self._every = self._kept[::2], 2 * self._every
+        if self._task is not None and self._count == self._next // 2 + RESOLVED_AFTER_IMAGES:
+            resolved = self._task.result()
+            self._task, self._advised = None, self._advised or resolved.advice is not None
+            return resolved
+        if self._count == self._next:
+            self._next = 2 * self._count
+            while len(self._kept) > KEPT_IMAGES:
+                self._kept, self._every = self._kept[::2], 2 * self._every
+            self._task = self._pool.submit(self._resolve, tuple(self._kept), advised=self._advised)
+        return None
+
+    def _resolve(self, images: Sequence[Image], *, advised: bool) -> Resolved:
         try:
-            found = auto_calibrate(self._settings, self._kept, self._info, whole=False)
-        except InputError as error:  # no catheter in these images: the detection stays as it was
-            self.refusal = error if isinstance(error, NoCatheterError) else None
-            return None
-        self.refusal = None
-        return found
+            return Resolved(auto_calibrate(self._settings, images, self._info, whole=False))
+        except NoCatheterError as error:
+            return Resolved(None, error, None if advised else advise(self._settings, images, self._info))
+        except InputError:  # nothing sure: the detection stays as it was
+            return Resolved(None)
+
+    def close(self) -> None:
+        """Ends it: no image comes any more."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
