@@ -33,6 +33,8 @@ def brief(preset: str) -> SimulationSettings:
         ("generalise", "604f018d0ab8e78c"),
         ("fluoro", "401967dada5f0e80"),
         ("biplane", "0f21002af0bac215"),
+        ("fluoro-varied", "79e7068d60914be2"),
+        ("biplane-varied", "9105c993bfd9bf3a"),
         ("guidewire", "6dca64fce092954c"),
         ("catheter-5f", "be0e4bb13b045a89"),
     ],

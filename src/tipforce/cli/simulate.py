@@ -19,8 +19,8 @@ def command(
         str,
         typer.Option(
             help="Which bench: bench-2021, generalise, varied (as other people's benches), thesis-2021-plain (the "
-            "thesis's image), thesis-2021 (its forces too, on one bench); under X-ray: fluoro, biplane; other devices: "
-            "guidewire, catheter-5f."
+            "thesis's image), thesis-2021 (its forces too, on one bench); under X-ray: fluoro, biplane, "
+            "fluoro-varied, biplane-varied (as other people's laboratories); other devices: guidewire, catheter-5f."
         ),
     ] = "bench-2021",
     form: Annotated[

@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from ..training.locator import LabelledImage
 
 PRESET_IMAGE_SHARES = {
-    "varied": 0.55,
-    "generalise": 0.17,
+    "varied": 0.47,
+    "generalise": 0.15,
     "bench-2021": 0.06,
     "thesis-2021-plain": 0.02,
-    "fluoro": 0.1,
-    "biplane": 0.1,
+    "fluoro": 0.04,
+    "biplane": 0.04,
+    "fluoro-varied": 0.12,
+    "biplane-varied": 0.1,
 }
 """Relative frequency of the sessions of each preset."""
 IMAGES_PER_SESSION = 10

@@ -79,8 +79,8 @@ def simulate(
 
     Args:
         output: folder of the result; sessions that exist there are kept.
-        preset: bench-2021, generalise, varied, thesis-2021-plain, thesis-2021, fluoro, biplane, guidewire,
-            catheter-5f, or settings of one's own.
+        preset: bench-2021, generalise, varied, thesis-2021-plain, thesis-2021, fluoro, biplane,
+            fluoro-varied, biplane-varied, guidewire, catheter-5f, or settings of one's own.
         sessions: number of sessions.
         seconds: length of each in s; None: the preset's.
         seed: the same seed gives the same sessions.

@@ -60,11 +60,7 @@ class SimulatedBench(ClosedAtExit):
     ) -> None:
         self.preset_settings = settings or SimulationSettings()
         """The settings as given, from which the parameters of the session are drawn."""
-        self.settings = (
-            self.preset_settings.of_session(seed, session)
-            if isinstance(self.preset_settings, SimulationSettings)
-            else self.preset_settings
-        )
+        self.settings = self.preset_settings.of_session(seed, session)
         """The settings of this session, with its camera."""
         self.seed, self.number, self.resolution = seed, session, resolution
         self.name = name or f"session_{session:02d}"

@@ -123,7 +123,7 @@ def make_imaging(
         The imaging, which draws each image when it is needed.
     """
     if isinstance(settings, FluoroSettings):
-        return XrayImaging(settings, session.bench_model, rngs[0], exposed, times_s, kept)
+        return XrayImaging(settings, session.bench_model, rngs, exposed, times_s, kept)
     return CameraImaging(settings, session, rngs, exposed, times_s[kept], first_frame)
 
 
@@ -293,7 +293,7 @@ class XrayImaging:
     Args:
         settings: settings of the bench.
         bench_model: the session's bench.
-        rng: random numbers of the scene.
+        rngs: random numbers of the scene, and of the catheter.
         exposed: gives the shapes and the tissue during a pulse.
         times_s: (m,) middle of each pulse.
         kept: (n,) indices of the pulses that became images.
@@ -303,7 +303,7 @@ class XrayImaging:
         self,
         settings: FluoroSettings,
         bench_model: BenchModel,
-        rng: np.random.Generator,
+        rngs: tuple[np.random.Generator, np.random.Generator],
         exposed: Exposed,
         times_s: FloatArray,
         kept: IntArray,
@@ -318,10 +318,10 @@ class XrayImaging:
                 update={
                     "diameter_m": (diameter, diameter),
                     "electrode_m": bench_model.settings.shaft.rigid_length_m,
-                    "rate_hz": bench_model.settings.clock.fps,
+                    "rate_hz": settings.world.clock.fps,
                 }
             ),
-            rng,
+            *rngs,
         )
         # the wall meets the tip at the maximum of the sine, when the heart is contracted and the lungs are full
         rhythm = replace(
@@ -417,14 +417,30 @@ class XrayImaging:
             metres_per_px,
             self.settings.scene.base_side,
             modality="xray",
+            metres_per_px_uncertainty=self._scale_uncertainty(),
             projection=((a[0], a[1], a[2], a[3]), (b[0], b[1], b[2], b[3]), (c[0], c[1], c[2], c[3])),
             projection_frame="isocentre",
         )
 
+    def _scale_uncertainty(self) -> float | None:
+        """Returns the relative standard uncertainty of the scale by the catheter's unknown distance from the plane."""
+        variety = self.settings.scene.variety
+        if variety is None:
+            return None
+        source = 0.5 * sum(self.settings.scene.source_object_m)
+        return standard_uncertainty(*(depth / source for depth in variety.depth_m))
+
     def values(self) -> dict[str, Any]:
-        """Returns each view's true projection matrix, and the base in the frame of the calibration."""
-        pose = self.scene.patient_from_base
-        return {
+        """Returns each view's true projection matrix, and the base in the frame of the calibration.
+
+        Of a varied scene: also the electrodes (start and end in metres from the apex), and the drawn variety. The
+        projection holds before the table or the C-arm moves.
+        """
+        pose, varied = self.scene.patient_from_base, {}
+        if self.scene.variety is not None:
+            tip, rings = self.scene.catheter.electrode_m, self.scene.catheter.rings_m
+            varied = {"electrodes_m": [(0.0, tip), *rings], "variety": asdict(self.scene.variety)}
+        return varied | {
             "projection": {name: self.camera(name).projection_matrix.tolist() for name in self.views},
             "isocentre_from_base": np.column_stack([pose.rotation, pose.translation_m]).tolist(),
             "photons": [view.beam.photons for view in self.scene.views],

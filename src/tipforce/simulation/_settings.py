@@ -1,14 +1,14 @@
 """All settings of a simulated bench, and the presets of the benchmark protocol."""
 
 import operator
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
 
 from ._fields import Settings
 from .rendering.camera import GENERALISE, THESIS_PLAIN, VARIED, SceneRanges
-from .rendering.fluoroscope import BIPLANE, FLUORO, XrayRanges
+from .rendering.fluoroscope import BIPLANE, BIPLANE_VARIED, FLUORO, FLUORO_VARIED, XrayRanges
 from .world.settings import (
     ActuationSettings,
     ClockSettings,
@@ -38,6 +38,17 @@ class CameraChoice(Settings):
     base_sides: Annotated[tuple[Literal["left", "right", "top", "bottom"], ...], Field(min_length=1)]
 
 
+_DetectorSide = Annotated[int, Field(ge=128, le=2048, multiple_of=8)]
+
+
+class DetectorChoice(Settings):
+    """Detectors of a fluoroscope, pulse rates and orientation of the catheter: one entry of each list is drawn."""
+
+    sizes: Annotated[tuple[tuple[_DetectorSide, _DetectorSide], ...], Field(min_length=1)]
+    fps: Annotated[tuple[Annotated[float, Field(gt=0, le=240)], ...], Field(min_length=1)]
+    base_sides: Annotated[tuple[Literal["left", "right", "top", "bottom"], ...], Field(min_length=1)]
+
+
 class SimulationSettings(_BenchSettings):
     """A bench: the world, which is pressed and measured, and the camera that images it."""
 
@@ -56,22 +67,7 @@ class SimulationSettings(_BenchSettings):
             seed: seed of all random numbers.
             session: number of the session, from 0.
         """
-        if self.cameras is None:
-            return self
-        rng = np.random.default_rng([seed, session, 8])
-        sizes, rates, sides = self.cameras.sizes, self.cameras.fps, self.cameras.base_sides
-        width, height = sizes[int(rng.integers(len(sizes)))]
-        fps = rates[int(rng.integers(len(rates)))]
-        side = sides[int(rng.integers(len(sides)))]
-        clock = self.world.clock.model_copy(update={"fps": fps})
-        return self.model_copy(
-            update={
-                "world": self.world.model_copy(update={"clock": clock}),
-                "scene": self.scene.model_copy(update={"base_side": side}),
-                "width": width,
-                "height": height,
-            }
-        )
+        return _with_camera(self, self.cameras, seed, session)
 
 
 class FluoroSettings(_BenchSettings):
@@ -85,6 +81,38 @@ class FluoroSettings(_BenchSettings):
     jpeg_quality: int = Field(default=95, ge=1, le=100)
     width: int = Field(default=512, ge=128, le=2048, multiple_of=8)
     height: int = Field(default=512, ge=128, le=2048, multiple_of=8)
+    detectors: DetectorChoice | None = Field(default=None, exclude_if=operator.not_)
+    """Detector, pulse rate and orientation are drawn from these for each session; None: the same for all."""
+
+    def of_session(self, seed: int, session: int) -> "FluoroSettings":
+        """Returns the settings with the detector of one session.
+
+        Args:
+            seed: seed of all random numbers.
+            session: number of the session, from 0.
+        """
+        return _with_camera(self, self.detectors, seed, session)
+
+
+_Bench = TypeVar("_Bench", SimulationSettings, FluoroSettings)
+
+
+def _with_camera(settings: _Bench, choice: "CameraChoice | DetectorChoice | None", seed: int, session: int) -> _Bench:
+    if choice is None:
+        return settings
+    rng = np.random.default_rng([seed, session, 8])
+    width, height = choice.sizes[int(rng.integers(len(choice.sizes)))]
+    fps = choice.fps[int(rng.integers(len(choice.fps)))]
+    side = choice.base_sides[int(rng.integers(len(choice.base_sides)))]
+    clock = settings.world.clock.model_copy(update={"fps": fps})
+    return settings.model_copy(
+        update={
+            "world": settings.world.model_copy(update={"clock": clock}),
+            "scene": settings.scene.model_copy(update={"base_side": side}),
+            "width": width,
+            "height": height,
+        }
+    )
 
 
 AnySimulationSettings = SimulationSettings | FluoroSettings
@@ -133,11 +161,34 @@ _OTHER_BENCHES = _MANY_CATHETERS.model_copy(
     }
 )
 
+_OTHER_CATHETERS = _IN_SPACE.model_copy(
+    update={
+        "shaft": _IN_SPACE.shaft.model_copy(
+            update={
+                "name": "ablation catheter",
+                "diameter_m": (4 * _FRENCH_M, 9 * _FRENCH_M),
+                "diameter_known_to": 0.05,
+            }
+        )
+    }
+)
+_DETECTORS = DetectorChoice(
+    sizes=((512, 512), (512, 512), (768, 768), (1024, 1024)),
+    fps=(7.5, 15.0),
+    base_sides=("left", "right", "top", "bottom"),
+)
+
 PRESETS: dict[str, AnySimulationSettings] = {
     "bench-2021": SimulationSettings(),
     "generalise": SimulationSettings(preset="generalise", world=_MANY_CATHETERS, scene=GENERALISE),
     "fluoro": FluoroSettings(world=_IN_SPACE),
     "biplane": FluoroSettings(preset="biplane", world=_IN_SPACE, scene=BIPLANE),
+    "fluoro-varied": FluoroSettings(
+        preset="fluoro-varied", world=_OTHER_CATHETERS, scene=FLUORO_VARIED, detectors=_DETECTORS
+    ),
+    "biplane-varied": FluoroSettings(
+        preset="biplane-varied", world=_OTHER_CATHETERS, scene=BIPLANE_VARIED, detectors=_DETECTORS
+    ),
     "varied": SimulationSettings(
         preset="varied",
         world=_OTHER_BENCHES,
@@ -239,5 +290,5 @@ PRESETS: dict[str, AnySimulationSettings] = {
         ),
     ),
 }
-"""Presets by name. ``bench-2021``, ``generalise``, ``fluoro``, ``biplane``, ``varied``, ``thesis-2021-plain`` and
-``thesis-2021`` are frozen: a changed preset gets a new name."""
+"""Presets by name. ``bench-2021``, ``generalise``, ``fluoro``, ``biplane``, ``fluoro-varied``, ``biplane-varied``,
+``varied``, ``thesis-2021-plain`` and ``thesis-2021`` are frozen: a changed preset gets a new name."""

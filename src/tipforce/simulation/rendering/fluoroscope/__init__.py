@@ -4,11 +4,13 @@ from ._c_arm import CArm
 from ._dicom import RESEARCH_NOTE, write_dicom
 from ._renderer import Pulse, XrayRenderer
 from ._scene import Anatomy, CatheterConstruction, Detector, Instrument, Rhythm, XrayBeam, XrayScene, XrayView
-from ._scene_settings import BIPLANE, FLUORO, XrayRanges, sample_xray_scene
+from ._scene_settings import BIPLANE, BIPLANE_VARIED, FLUORO, FLUORO_VARIED, XrayRanges, sample_xray_scene
 
 __all__ = [
     "BIPLANE",
+    "BIPLANE_VARIED",
     "FLUORO",
+    "FLUORO_VARIED",
     "RESEARCH_NOTE",
     "Anatomy",
     "CArm",

@@ -125,17 +125,18 @@ def spine_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def chest_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
-    """Makes the parts that move a little with the breath: ribs, vessels of the lung, sternal wires, leads on the skin.
+def chest_parts(anatomy: Anatomy, rng: np.random.Generator) -> tuple[list[Part], list[Part]]:
+    """Makes the parts that move a little with the breath: ribs and vessels; sternal wires and leads on the skin.
 
     Args:
         anatomy: the patient.
         rng: random numbers of the patient.
 
     Returns:
-        The parts in the patient's frame, in metres.
+        Tissue and metal in the patient's frame, in metres.
     """
-    return [*_ribs(anatomy, rng), *_vessels(anatomy, rng), *_sternal(anatomy, rng), *_leads(anatomy, rng)]
+    tissue = [*_ribs(anatomy, rng), *_vessels(anatomy, rng)]
+    return tissue, [*_sternal(anatomy, rng), *_leads(anatomy, rng)]
 
 
 def _ribs(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
@@ -172,7 +173,17 @@ def _vessels(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def _metal(points_mm: FloatArray, radius_mm: float, per_m: float) -> Part:
+def solid_tube(points_mm: FloatArray, radius_mm: float, per_m: float) -> Part:
+    """Makes a solid tube of one material.
+
+    Args:
+        points_mm: (n, 3) points of the axis in mm.
+        radius_mm: radius in mm.
+        per_m: linear attenuation minus that of its surroundings, 1/m.
+
+    Returns:
+        The tube.
+    """
     made = _bone(points_mm, radius_mm, radius_mm, 1.0)
     return Part(made.points_m, made.radius_m, [(Layer(0.0, 1.0, per_m),)], [(0.0, made.length_m, 0, 1.0)])
 
@@ -189,7 +200,7 @@ def _sternal(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
             [wide * np.sin(turn), 6 * np.cos(turn), high * np.cos(turn) + 2 * np.sin(turn)], axis=1
         )
         twist = np.linspace(0.0, 1.0, 12)[:, None] * (rng.normal(0, 3), -1.0, rng.uniform(-11, -6)) + loop[11]
-        parts += [_metal(loop, 0.4, PER_M["steel"]), _metal(twist, 0.65, PER_M["steel"])]
+        parts += [solid_tube(loop, 0.4, PER_M["steel"]), solid_tube(twist, 0.65, PER_M["steel"])]
     return parts
 
 
@@ -201,9 +212,11 @@ def _leads(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
         start, away = rng.uniform(-70, 70, 2), rng.uniform(0.0, 2 * math.pi)
         end = 130 * np.array([math.cos(away), math.sin(away)])  # out of the image
         knots = np.array([(*start, y), (*(0.6 * start + 0.4 * end + rng.normal(0, 18, 2)), y), (*end, y)])
-        parts.append(_metal(knots[:, [0, 2, 1]], rng.uniform(0.35, 0.6), 0.35 * PER_M["copper"]))
+        parts.append(solid_tube(knots[:, [0, 2, 1]], rng.uniform(0.35, 0.6), 0.35 * PER_M["copper"]))
         clip = knots[0, [0, 2, 1]]
-        parts.append(_metal(np.array([clip, _off(clip, 0, 1.0, 0), _off(clip, 0, 2.0, 0)]), rng.uniform(3, 5), 130.0))
+        parts.append(
+            solid_tube(np.array([clip, _off(clip, 0, 1.0, 0), _off(clip, 0, 2.0, 0)]), rng.uniform(3, 5), 130.0)
+        )
     return parts
 
 

@@ -118,6 +118,19 @@ def instrument_tube(instrument: Instrument, length_m: float, px_per_m: float, bl
     if instrument.kind == "wire":
         materials = [(_BLOOD, Layer(0.0, 0.68, PER_M["nitinol"]), Layer(0.68, 1.0, 0.6 * PER_M["steel"]))]
         sections = [(0.0, length_m, 0, 1.0)]
+    elif instrument.kind in ("electrodes", "tube"):
+        shaft = (
+            _BLOOD,
+            Layer(0.65, 1.0, loaded_polymer_per_m(instrument.barium_sulphate)),
+            Layer(0.0, 0.65, 0.04 * PER_M["copper"]),
+        )
+        materials, sections = [shaft, (*shaft, _sleeve(0.12e-3, r))], []
+        at = 0.0
+        for start, stop in sorted((length_m - b, length_m - a) for a, b in instrument.electrodes_m):
+            sections += [(at, start, 0, 1.0), (start, stop, 1, 1.0)]
+            at = stop
+        if at < length_m:
+            sections.append((at, length_m, 0, 1.0))
     elif instrument.kind == "diagnostic":
         shaft = (_BLOOD, Layer(0.6, 1.0, loaded_polymer_per_m(0.22)), Layer(0.0, 0.6, 0.05 * PER_M["copper"]))
         materials = [shaft, (*shaft, _sleeve(0.1e-3, r))]

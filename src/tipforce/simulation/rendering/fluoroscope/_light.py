@@ -9,6 +9,8 @@ import numpy.typing as npt
 from numba import njit
 
 from ...._system.compilation import STEADY
+from ....types import FloatArray
+from ._patient_variety import moved_contrast
 from ._scene import Detector, Rhythm
 from ._static_layers import COARSE, StaticLayers
 from ._tube_kernels import transmittance
@@ -19,7 +21,13 @@ BLOCK = 8
 
 
 def soft_layers(
-    layers: StaticLayers, rhythm: Rhythm, breath: float, beating: float, wall_px: tuple[float, float] | None
+    layers: StaticLayers,
+    rhythm: Rhythm,
+    breath: float,
+    beating: float,
+    wall_px: tuple[float, float] | None,
+    shift_px: FloatArray,
+    contrast: float = 0.0,
 ) -> FloatImage:
     """Returns the attenuation by heart and diaphragm.
 
@@ -29,6 +37,8 @@ def soft_layers(
         breath: 0 (breathed out) to 1, see `Rhythm`.
         beating: 0 (filled) to 1 (emptied), see `Rhythm`.
         wall_px: (2,) displacement of the heart's wall from rest; None: the heart moves by itself.
+        shift_px: (2,) displacement of the patient in the image.
+        contrast: amount of contrast agent, 0 to 1.
 
     Returns:
         (h, w) attenuation.
@@ -38,9 +48,15 @@ def soft_layers(
     size = 1.0 - rhythm.beat * beating
     # By itself, its base comes down toward the apex as it empties.
     du, dv = -0.08 * rhythm.beat * beating * layers.head_px if wall_px is None else wall_px
-    heart = _moved(layers.heart, layers, size, du + 0.3 * down[0], dv + 0.3 * down[1], (h, w))
-    heart += _moved(layers.liver, layers, 1.0, down[0], down[1], (h, w))
-    return np.asarray(cv2.resize(heart, layers.still.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+    du, dv = du + 0.3 * down[0] + shift_px[0], dv + 0.3 * down[1] + shift_px[1]
+    heart = _moved(layers.heart, layers, size, du, dv, (h, w))
+    heart += _moved(layers.liver, layers, 1.0, down[0] + shift_px[0], down[1] + shift_px[1], (h, w))
+    soft = np.asarray(cv2.resize(heart, layers.still.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+    if contrast and layers.varied and layers.varied.injected is not None:
+        at = np.array([du, dv])
+        filled = moved_contrast(layers.varied.injected, layers.margin, size, layers.heart_px, at, soft.shape)
+        soft += np.float32(contrast) * filled
+    return soft
 
 
 def _moved(

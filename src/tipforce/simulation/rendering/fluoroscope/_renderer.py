@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ....geometry import CameraModel
+from ....geometry import CameraModel, Pose
 from ....types import BoolArray, FloatArray, IntArray
 from .._exposure import sample_exposure
 from ..camera import ImageTruth, TissueState
+from ._collimator import open_field
 from ._detector import (
     PhotonCounts,
     blurred,
@@ -23,11 +24,14 @@ from ._detector import (
     sample_photons,
     sum_with_lag,
 )
+from ._display_processing import Display, noise_gain, temporal_weights
 from ._instruments import swayed
 from ._light import BLOCK, ScatterAndGlare, direct_light, soft_layers
+from ._patient_variety import shifted_still
 from ._scene import XrayScene, lag_weights
 from ._static_layers import make_static_layers
 from ._tube_kernels import fold_instant, join_taken, no_spans
+from ._variety import pan_m
 
 FloatImage = npt.NDArray[np.float32]
 GreyImage = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -95,7 +99,7 @@ class XrayRenderer:
         bits: bits of a grey level: 8 for uint8 images, 9 to 16 for uint16 images.
 
     Raises:
-        ValueError: a side or the bits are outside of these values.
+        ValueError: a side or the bits are outside of these values; or a varied scene has other than 8 bits.
     """
 
     def __init__(
@@ -113,6 +117,8 @@ class XrayRenderer:
                 f"an X-ray image: expected sides that are multiples of {BLOCK} and 8 to 16 bits, "
                 f"got {width} x {height} and {bits} bits"
             )
+        if scene.variety and bits != 8:
+            raise ValueError(f"an X-ray image with the vendor's processing: expected 8 bits, got {bits}")
         self.scene, self.view, self.bits = scene, view, bits
         self._plane = scene.views[view]
         self._layers = make_static_layers(scene, view, length_m, width, height)
@@ -121,13 +127,21 @@ class XrayRenderer:
         self._tables = photon_tables()
         self._finer = width / 512.0
         self._photons = self._plane.beam.photons / self._finer**2
-        self._curve = display_curve(self._plane.detector, self._photons, bits)
+        self._electronic, self._display, self._clear = self._plane.detector.electronic, None, None
+        if scene.variety:
+            kept, plane = scene.variety.processing.kept, self._plane
+            self._weights = temporal_weights(self._weights, kept)
+            self._electronic *= noise_gain(kept)
+            opened = open_field(scene.variety.collimators[view], height, width)
+            self._display = Display(scene.variety.processing, opened, plane.stated, plane.beam, scene.seed)
+            self._clear = opened & ~self._display.covered()
+        self._curve = display_curve(self._plane.detector, self._photons, 16 if self._display else bits)
         self._thread_local = threading.local()
         self._field = self._measured()
 
     @property
     def camera(self) -> CameraModel:
-        """How this view truly sees; world = base frame."""
+        """How this view truly sees before the table or the C-arm moves; world = base frame."""
         return self._layers.camera
 
     @property
@@ -165,11 +179,12 @@ class XrayRenderer:
         sum_with_lag(planes, self._weights, buffers.light)
         signal = blurred(buffers.light, detector, self._finer)
         image: GreyImage
-        image = np.empty(signal.shape, np.uint8) if self.bits == 8 else np.empty(signal.shape, np.uint16)
+        deep = self.bits > 8 or self._display is not None
+        image = np.empty(signal.shape, np.uint16) if deep else np.empty(signal.shape, np.uint8)
         key = frame_key(self.scene.seed, self.view, frame, 1)
         curve, gauss = self._curve, self._tables.gauss
-        read_out(signal, key, gauss, detector.electronic, detector.line_noise, curve.levels, curve.per_root, image)
-        return image
+        read_out(signal, key, gauss, self._electronic, detector.line_noise, curve.levels, curve.per_root, image)
+        return self._display.apply(image, frame) if self._display else image
 
     def run(self, pulses: Iterable[Pulse]) -> Iterator[GreyImage]:
         """Yields the images of pulses that follow each other, each with the lag of those before it."""
@@ -201,14 +216,16 @@ class XrayRenderer:
         Args:
             shapes_m: (m, n, 3) axis of the catheter.
             tissue: not used; no tissue hides the catheter.
-            time_s: not used.
+            time_s: time that determines the position of the table.
 
         Returns:
             The truth at the middle of the pulse.
         """
-        del tissue, time_s
+        del tissue
         h, w = self._layers.still.shape
-        return image_truth(self.camera, sample_exposure(checked(shapes_m), 1)[0], self.scene.catheter.radius_m, h, w)
+        camera, _ = self._cameras(time_s)
+        points = sample_exposure(checked(shapes_m), 1)[0]
+        return image_truth(camera, points, self.scene.catheter.radius_m, h, w, self._clear)
 
     def _photon_counts(self, pulse: Pulse) -> PhotonCounts:
         """Returns the photons of one pulse alone; they are kept for the frames after it."""
@@ -233,30 +250,62 @@ class XrayRenderer:
             _, slopes = layers.camera.project_with_slopes(np.zeros((1, 3)))
             moved = slopes[0] @ pulse.tissue.shift_m.mean(axis=0)
             wall = float(moved[0]), float(moved[1])
-        self._shine(buffers, breath, rhythm.beating(pulse.time_s), wall)
+        self._shine(buffers, breath, rhythm.beating(pulse.time_s), wall, pulse.time_s)
         buffers.taken[:] = 0.0
         delayed = rhythm.breath(pulse.time_s - self._plane.beam.control_s)
         exposure = self._photons / float(np.interp(delayed, np.linspace(0.0, 1.0, len(self._field)), self._field))
         self._veil.add(buffers.light, buffers.blocks, exposure)
 
-    def _shine(self, buffers: _Buffers, breath: float, beating: float, wall_px: tuple[float, float] | None) -> None:
-        layers = self._layers
-        soft = soft_layers(layers, self.scene.rhythm, breath, beating, wall_px)
+    def _pan_m(self, time_s: float) -> FloatArray:
+        """Returns the displacement (3,) of the patient relative to this plane, patient's frame."""
+        return pan_m(self.scene.variety.pans[self.view] if self.scene.variety else (), time_s)
+
+    def _cameras(self, time_s: float) -> tuple[CameraModel, CameraModel]:
+        """Returns the camera models whose worlds are the base frame and the patient's frame, wherever the table is."""
+        layers, moved = self._layers, self._pan_m(time_s)
+        if not moved.any():
+            return layers.camera, layers.patient_camera
+        pose = layers.patient_camera.camera_from_world @ Pose(np.eye(3), moved)
+        base = pose @ self.scene.patient_from_base
+        return layers.camera.seen_from(base), layers.patient_camera.seen_from(pose)
+
+    def _shine(
+        self,
+        buffers: _Buffers,
+        breath: float,
+        beating: float,
+        wall_px: tuple[float, float] | None,
+        time_s: float | None = None,
+    ) -> None:
+        """Computes the light behind all layers; without a time: before the table moves, without contrast agent."""
+        layers, variety = self._layers, self.scene.variety
+        still, shift, contrast = layers.still, np.zeros(2), 0.0
+        if layers.varied and variety:
+            injection = variety.patient.injection
+            if time_s is not None:
+                shift = layers.varied.patient_px_per_m @ self._pan_m(time_s)
+                contrast = injection.amount(time_s) if injection else 0.0
+            still = shifted_still(layers.varied, layers.margin, shift, still.shape)
+        soft = soft_layers(layers, self.scene.rhythm, breath, beating, wall_px, shift, contrast)
         ribs = 0.15 * self.scene.rhythm.breath_m * breath * layers.head_px  # the ribs rise as the diaphragm sinks
-        left, top = layers.margin - float(ribs[0]), layers.margin - float(ribs[1])
-        direct_light(layers.still, layers.chest, left, top, soft, buffers.taken, buffers.light, buffers.blocks)
+        left, top = np.clip(layers.margin - ribs - shift, 0.0, 2.0 * layers.margin - 1.0).tolist()
+        direct_light(still, layers.chest, left, top, soft, buffers.taken, buffers.light, buffers.blocks)
 
     def _lay_tubes(self, buffers: _Buffers, pulse: Pulse) -> None:
         """Adds the absorption of catheter and devices to ``buffers.taken``."""
         layers = self._layers
-        for item in layers.devices:
-            points = swayed(item.instrument, item.points_m, item.share, self.scene.rhythm, pulse.time_s)
-            item.tube.add(buffers.drawn, buffers.spans, layers.patient_camera, points)
-        fold_instant(buffers.drawn, buffers.spans, buffers.taken, 1.0)
+        base_camera, patient_camera = self._cameras(pulse.time_s)
+        half_s = 0.3 * self._plane.beam.pulse_s
+        instants = (pulse.time_s - half_s, pulse.time_s + half_s) if layers.varied else (pulse.time_s,)
+        for time_s in instants:
+            for item in layers.devices:
+                points = swayed(item.instrument, item.points_m, item.share, self.scene.rhythm, time_s)
+                item.tube.add(buffers.drawn, buffers.spans, patient_camera, points)
+            fold_instant(buffers.drawn, buffers.spans, buffers.taken, 1.0 / len(instants))
         buffers.spans[:] = no_spans(len(buffers.spans))
         shapes = blur_instants(checked(pulse.shapes_m), layers.px_per_m)
         for points in shapes:
-            layers.catheter.add(buffers.drawn, buffers.spans, layers.camera, points)
+            layers.catheter.add(buffers.drawn, buffers.spans, base_camera, points)
             fold_instant(buffers.drawn, buffers.spans, buffers.tube, 1.0 / len(shapes))
         join_taken(buffers.tube, buffers.spans, buffers.taken)
         buffers.spans[:] = no_spans(len(buffers.spans))
@@ -342,10 +391,12 @@ def _covered(camera: CameraModel, points_m: FloatArray, radius_m: float, height:
     return mask
 
 
-def image_truth(camera: CameraModel, points_m: FloatArray, radius_m: float, height: int, width: int) -> ImageTruth:
+def image_truth(
+    camera: CameraModel, points_m: FloatArray, radius_m: float, height: int, width: int, clear: BoolArray | None = None
+) -> ImageTruth:
     """Returns the truth of an image of a catheter.
 
-    Nothing hides an object from X-rays: every point in the image is visible, however faint it may be.
+    No object hides another from X-rays: every point in the open field is visible, however faint it may be.
 
     Args:
         camera: camera of the view.
@@ -353,6 +404,7 @@ def image_truth(camera: CameraModel, points_m: FloatArray, radius_m: float, heig
         radius_m: radius of the catheter.
         height: height of the image in px.
         width: width of the image in px.
+        clear: (h, w) pixels that neither the collimator nor the display covers; None: all.
 
     Returns:
         The truth.
@@ -363,4 +415,8 @@ def image_truth(camera: CameraModel, points_m: FloatArray, radius_m: float, heig
     weight = np.ones(len(visible))
     weight[[0, -1]] = 0.5
     mask = _covered(camera, points_m, radius_m, height, width)
+    if clear is not None:
+        mask &= clear
+        u, v = np.where(visible[:, None], near, 0.0).astype(np.int64).T
+        visible = visible & clear[v, u]
     return ImageTruth(mask, centreline, visible, float(visible @ weight / weight.sum()))

@@ -1,13 +1,17 @@
 """The scene and the device of one session's fluoroscope: drawn once, the same for every frame."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ....geometry import CameraModel, Pose
 from ....types import FloatArray
 from ._c_arm import CArm
+
+if TYPE_CHECKING:
+    from ._variety import XrayVariety
 
 Point = tuple[float, float, float]
 """In the patient's frame (`CArm`), metres."""
@@ -103,11 +107,13 @@ class Instrument:
     """Another instrument in the heart, along a smooth curve.
 
     Attributes:
-        kind: wire, diagnostic, lead or probe.
+        kind: wire, diagnostic, lead or probe; in a varied scene electrodes, wire or tube.
         radius_m: radius.
         knots: points of the curve, patient's frame.
         sway_m: (3,) way with the heart at its end, less toward its start.
         phase: lead over the heart, in shares of a beat.
+        electrodes_m: start and end of each electrode, measured back from the apex; of the kind electrodes.
+        barium_sulphate: share of the polymer by weight; of the kinds electrodes and tube.
     """
 
     kind: str
@@ -115,6 +121,8 @@ class Instrument:
     knots: tuple[Point, ...]
     sway_m: Point
     phase: float
+    electrodes_m: tuple[tuple[float, float], ...] = field(default=(), repr=False)
+    barium_sulphate: float = field(default=0.0, repr=False)  # not in repr: DICOM's unique numbers follow from it
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +192,7 @@ class XrayScene:
         devices: other instruments.
         rhythm: motion of heart and breath.
         anatomy: measures of the patient.
+        variety: differences between laboratories; None: an even image without collimator, processing and table.
     """
 
     seed: int
@@ -194,6 +203,7 @@ class XrayScene:
     devices: tuple[Instrument, ...]
     rhythm: Rhythm
     anatomy: Anatomy
+    variety: "XrayVariety | None" = field(default=None, repr=False)
 
     @property
     def patient_from_base(self) -> Pose:

@@ -4,15 +4,20 @@ A range is (low, high): one uniform draw a session.
 """
 
 import math
+import operator
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from ....geometry import Pose
 from ....types import FloatArray
 from ..._fields import NotNegative, Positive, Range, Settings, Share, Some
 from ._c_arm import CArm, perturbed
+from ._instrument_variety import varied_catheter, varied_instruments
 from ._scene import Anatomy, CatheterConstruction, Detector, Instrument, Rhythm, XrayBeam, XrayScene, XrayView
+from ._variety import XrayVarietyRanges, sample_variety
 
 
 class XrayRanges(Settings):
@@ -99,23 +104,56 @@ class XrayRanges(Settings):
     heart_size: Range = (0.85, 1.2)
     sternal_wires: Share = 0.35
     leads: Some = (0, 3)
+    variety: XrayVarietyRanges | None = Field(default=None, exclude_if=operator.not_)
+    """Differences between laboratories; None: an even image without collimator, processing and table."""
 
 
 FLUORO = XrayRanges()
 """One view."""
 BIPLANE = XrayRanges(planes=2, scatter=(0.4, 1.1))
 """Two views, 90 +- 10 degrees apart; each scatters into the other."""
+FLUORO_VARIED = XrayRanges(
+    variety=XrayVarietyRanges(),
+    primary_deg=(-60.0, 60.0),
+    secondary_deg=(-30.0, 30.0),
+    roll_deg=(-3.0, 3.0),
+    source_detector_m=(0.95, 1.25),
+    source_object_m=(0.66, 0.84),
+    scale_m_per_px=(0.17e-3, 0.30e-3),
+    centre_px=(-25.0, 25.0),
+    photons=(15.0, 600.0),
+    pulse_s=(4e-3, 15e-3),
+    blur_px=(0.4, 1.0),
+    lag_fast=(0.0, 0.12),
+    log_contrast=(40.0, 95.0),
+    base_inset_m=(-4e-3, 22e-3),
+    base_shift_m=(-20e-3, 20e-3),
+    base_turn_deg=(-25.0, 25.0),
+    devices=(0, 3),
+    probe=0.15,
+    bone=(0.6, 1.5),
+    sternal_wires=0.35,
+    leads=(0, 4),
+)
+"""One view, as it differs from laboratory to laboratory."""
+BIPLANE_VARIED = FLUORO_VARIED.model_copy(
+    update={"planes": 2, "between_planes_deg": (60.0, 100.0), "scatter": (0.4, 1.1)}
+)
+"""Two views, 60 to 100 degrees apart, as they differ from laboratory to laboratory."""
 _TURNS = {"left": 0.0, "right": math.pi, "top": -0.5 * math.pi, "bottom": 0.5 * math.pi}
 _HALF_PX = 256.0
 Rows = list[tuple[float, float, float]]
 
 
-def sample_xray_scene(ranges: XrayRanges, rng: np.random.Generator) -> XrayScene:
+def sample_xray_scene(
+    ranges: XrayRanges, rng: np.random.Generator, catheter_rng: np.random.Generator | None = None
+) -> XrayScene:
     """Draws the scene of one session.
 
     Args:
         ranges: ranges from which the scene is drawn.
         rng: random numbers of the scene.
+        catheter_rng: random numbers of the catheter, in a varied scene; None: ``rng``.
 
     Returns:
         The scene.
@@ -128,7 +166,7 @@ def sample_xray_scene(ranges: XrayRanges, rng: np.random.Generator) -> XrayScene
     pose = _base(ranges, rng, views[0].true)
     anatomy = _anatomy(ranges, rng)
     turn, place = pose.axis_angle_rad, pose.translation_m
-    return XrayScene(
+    scene = XrayScene(
         seed=int(rng.integers(2**31)),
         views=views,
         base_axis_angle=(float(turn[0]), float(turn[1]), float(turn[2])),
@@ -144,6 +182,26 @@ def sample_xray_scene(ranges: XrayRanges, rng: np.random.Generator) -> XrayScene
             breath_phase=rng.random(),
         ),
         anatomy=anatomy,
+    )
+    return scene if ranges.variety is None else _varied(ranges.variety, scene, rng, catheter_rng or rng)
+
+
+def _varied(
+    ranges: XrayVarietyRanges, scene: XrayScene, rng: np.random.Generator, catheter_rng: np.random.Generator
+) -> XrayScene:
+    """Adds the differences between laboratories; the stated geometry becomes the nominal one."""
+    axes = scene.views[0].true.display_axes()
+    depth = _of(rng, ranges.depth_m) * axes[2]
+    base = np.array(scene.base_m) + depth
+    low, high = (math.log(x) for x in ranges.calibration_px)
+    off = math.exp(rng.uniform(low, high))
+    return replace(
+        scene,
+        views=tuple(replace(view, stated=perturbed(view.true, off, rng)) for view in scene.views),
+        base_m=(float(base[0]), float(base[1]), float(base[2])),
+        catheter=varied_catheter(ranges, scene.catheter, catheter_rng),
+        devices=scene.devices + varied_instruments(ranges, rng),
+        variety=sample_variety(ranges, rng, axes[0], axes[1], len(scene.views)),
     )
 
 

@@ -10,10 +10,21 @@ import numpy.typing as npt
 from ....geometry import CameraModel
 from ....types import FloatArray, IntArray
 from ._anatomy import Blob, Part, chest_parts, heart_blobs, liver_blobs, spine_parts
+from ._collimator import collimator_attenuation
 from ._instruments import catheter_tube, instrument_path, instrument_tube, sheath_tube
+from ._patient_variety import (
+    VariedLayers,
+    add_can,
+    airway_parts,
+    chamber_blobs,
+    gas_blobs,
+    texture,
+    vessel_parts,
+)
 from ._scene import Instrument, XrayScene
 from ._tube_kernels import POINTS_PER_M, FloatImage, no_spans
 from ._tube_model import Tube, axial_profile, section_profiles
+from ._variety import XrayVariety
 
 COARSE = 4
 """Pixels of the image a pixel of the soft layers."""
@@ -49,6 +60,7 @@ class StaticLayers:
         coarse_margin: margin of both in their pixels.
         head_px: (2,) one metre toward the patient's head at the isocentre.
         heart_px: (2,) middle of the heart.
+        varied: further layers of a varied scene, whose ``still`` replaces the one here.
     """
 
     camera: CameraModel
@@ -64,6 +76,7 @@ class StaticLayers:
     coarse_margin: int
     head_px: FloatArray
     heart_px: FloatArray
+    varied: VariedLayers | None = None
 
 
 def make_static_layers(scene: XrayScene, view: int, length_m: float, width: int, height: int) -> StaticLayers:
@@ -86,15 +99,26 @@ def make_static_layers(scene: XrayScene, view: int, length_m: float, width: int,
     blur = math.hypot(math.sqrt(1.0 / 12.0), unsharp)
     margin = math.ceil(_MARGIN * width)
     rng = np.random.default_rng([scene.seed, 1])  # the same patient in both views
-    still, spans = np.zeros((height, width), np.float32), no_spans(height)
-    for part in spine_parts(scene.anatomy, rng):
-        _add_part(part, still, spans, patient, px_per_m, blur)
-    chest = np.zeros((height + 2 * margin, width + 2 * margin), np.float32)
     wide = _shifted(patient, margin)
-    for part in chest_parts(scene.anatomy, rng):
+    spine, (tissue, metal) = spine_parts(scene.anatomy, rng), chest_parts(scene.anatomy, rng)
+    variety_rng = np.random.default_rng([scene.seed, 4])
+    chest = np.zeros((height + 2 * margin, width + 2 * margin), np.float32)
+    around = margin if scene.variety else 0  # the table moves the still parts, too
+    still = np.zeros((height + 2 * around, width + 2 * around), np.float32)
+    spans = no_spans(len(still))
+    for part in spine:
+        _add_part(part, still, spans, _shifted(patient, around), px_per_m, blur)
+    for part in tissue:
         _add_part(part, chest, no_spans(len(chest)), wide, px_per_m, blur)
-    still += _texture(np.random.default_rng([scene.seed, 2, view]), height, width)
-    _add_sheath(scene, still, spans, camera, px_per_m, blur)
+    if scene.variety:
+        for layer in (still, chest):
+            layer *= texture(variety_rng, scene.variety.patient.trabecular, px_per_m, *layer.shape)
+        metal = metal + airway_parts(scene.variety.patient, variety_rng)
+        add_can(scene.variety.patient, chest, wide)
+    for part in metal:
+        _add_part(part, chest, no_spans(len(chest)), wide, px_per_m, blur)
+    still += _texture(np.random.default_rng([scene.seed, 2, view]), *still.shape)
+    _add_sheath(scene, still, spans, _shifted(camera, around), px_per_m, blur)
     coarse = CameraModel(
         patient.focal_px / COARSE,
         (patient.centre_px - 0.5 * (COARSE - 1)) / COARSE + margin // COARSE,
@@ -106,6 +130,14 @@ def make_static_layers(scene: XrayScene, view: int, length_m: float, width: int,
     for instrument in scene.devices:
         points, share, long = instrument_path(instrument)
         devices.append(MovingInstrument(instrument, instrument_tube(instrument, long, px_per_m, blur), points, share))
+    liver = _soft(liver_blobs(scene.anatomy), coarse, shape)
+    varied = None
+    if scene.variety:
+        liver -= _soft(gas_blobs(scene.variety.patient, scene.anatomy.dome_m, variety_rng), coarse, shape)
+        injected = _injected(scene, scene.variety, variety_rng, coarse, shape, wide, chest.shape, (px_per_m, blur))
+        shutter = collimator_attenuation(scene.variety.collimators[view], 0.004 * width, height, width)
+        varied = VariedLayers(still, injected, shutter, slopes[0])
+        still = still[margin : margin + height, margin : margin + width]
     return StaticLayers(
         camera=camera,
         patient_camera=patient,
@@ -116,11 +148,34 @@ def make_static_layers(scene: XrayScene, view: int, length_m: float, width: int,
         chest=chest,
         margin=margin,
         heart=_soft(heart_blobs(scene.anatomy), coarse, shape),
-        liver=_soft(liver_blobs(scene.anatomy), coarse, shape),
+        liver=liver,
         coarse_margin=margin // COARSE,
         head_px=slopes[0, :, 2],
         heart_px=middle[0],
+        varied=varied,
     )
+
+
+def _injected(
+    scene: XrayScene,
+    variety: XrayVariety,
+    rng: np.random.Generator,
+    coarse: CameraModel,
+    coarse_shape: tuple[int, int],
+    wide: CameraModel,
+    shape: tuple[int, ...],
+    scale: tuple[float, float],
+) -> FloatImage | None:
+    """Paints all contrast agent; ``scale``: px a metre and the aperture's blur in px."""
+    injection = variety.patient.injection
+    if injection is None:
+        return None
+    chambers = _soft(chamber_blobs(scene, injection), coarse, coarse_shape)
+    mixed = texture(rng, 0.35, 10.0 * scale[0] / COARSE, *coarse_shape)  # swirls of 5 to 40 mm
+    made = np.asarray(cv2.resize(chambers * mixed, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC), np.float32)
+    for part in vessel_parts(injection, rng):
+        _add_part(part, made, no_spans(len(made)), wide, *scale)
+    return made
 
 
 def _shifted(camera: CameraModel, margin: int) -> CameraModel:
