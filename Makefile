@@ -6,9 +6,11 @@ DEMO ?= demo
 PYTEST := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 KERNELS := tests/vision tests/geometry tests/mechanics tests/limits tests/simulation tests/estimators/test_svr.py tests/estimators/test_rod.py \
 	tests/estimators/test_rod_track.py
+# Jobs that run side by side print one after the other where this make can do that.
+ONE_AT_A_TIME := $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help setup demo test walkthrough check docs bench prove clean
+.PHONY: help setup demo test walkthrough check types contracts pages docs bench prove clean
 
 help:            ## what there is
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -30,8 +32,15 @@ walkthrough: $(STAMP)  ## the pages of the documentation that tests run command 
 check: $(STAMP)  ## lint, format, types, import contracts, docs
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	@$(MAKE) --no-print-directory -j 2 $(ONE_AT_A_TIME) types contracts pages
+
+types: $(STAMP)
 	$(BIN)/pyright
+
+contracts: $(STAMP)
 	$(BIN)/python -m pytest -q tests/project
+
+pages: $(STAMP)
 	$(BIN)/python -m mkdocs --quiet build --strict
 
 docs: $(STAMP)   ## this documentation as a site, in build/site

@@ -28,7 +28,7 @@ fi
 
 echo "setup: making .venv with $("$PYTHON" --version)"
 [ -x .venv/bin/python ] || "$PYTHON" -m venv .venv
-.venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[dev]'
 echo "setup: compiling for this processor (once)"
 .venv/bin/python -m tipforce.pipelines._precompile
 touch .venv/.ready
