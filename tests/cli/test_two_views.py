@@ -177,7 +177,7 @@ def test_one_video_has_the_metadata_of_the_view_that_ends_its_name(tmp_path: Pat
         assert {event.view for event in source if isinstance(event, Frame)} == set(source.views) == {"b"}
 
 
-@pytest.mark.parametrize("name", [each for each in ESTIMATORS if each not in ("fusion", "stereo")])
+@pytest.mark.parametrize("name", [each for each in ESTIMATORS if each not in ("fusion", "stereo", "rod-3d")])
 def test_every_method_of_one_view_follows_the_rule(name: str) -> None:
     method = create(name)
     assert method.for_views(("camera", "a")) is method

@@ -70,12 +70,14 @@ def test_a_method_without_fit_fits_in(bench: Path) -> None:
 
 ALIKE = ("mass-spring", "pseudo-rigid", "strain", "links", "elastica", "arcs")
 """Rod models that share the code of `beam`: they differ in the rod alone."""
+LONG = ("rod-3d",)
+"""One view leaves it a grid of two directions in each image of both sessions."""
 
 
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.slow] if name in ALIKE else [])
+        pytest.param(name, marks=[pytest.mark.slow] if name in ALIKE + LONG else [])
         for name, kind in ESTIMATORS.items()
         if not kind.needs_fit
     ],

@@ -20,6 +20,7 @@ ESTIMATORS: Registry[type[Estimator]] = Registry(
         "rod": "tipforce.estimators.rod:Rod",
         "rod-track": "tipforce.estimators.rod:RodTrack",
         "session": "tipforce.estimators.session:SessionModel",
+        "rod-3d": "tipforce.estimators.space:Rod3d",
         "fusion": "tipforce.estimators.fusion:Fusion",
         "beam": "tipforce.estimators.rod_models:Beam",
         "links": "tipforce.estimators.rod_models:Links",

@@ -40,7 +40,7 @@ def _images(count: int = 12) -> Iterator[npt.NDArray[np.uint8]]:
 def _detect() -> None:
     from . import estimate
 
-    for model in ("pretrained/compact", "fusion"):
+    for model in ("pretrained/compact", "fusion", "rod-3d"):
         for _ in estimate(model, _images(), bench=_INFO, actuation={"knob_deg": 10.0}):
             pass
 

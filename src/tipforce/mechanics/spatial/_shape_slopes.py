@@ -31,8 +31,9 @@ _FORCE, _CURVATURE = 3, 3
 _STIFFNESS, _PROXIMAL, _LENGTH, _STIFFENING = 5, 6, 7, 8
 _TOLERANCE = 1e-8
 """Residual moment relative to EI / (length of the shaft): the nodes are then exact to a nanometre."""
-_DIFFERENCES = (1e-2, 1e-2, 1e-4, 1e-4, 1e-4, 1e-7)
-"""Steps of the differences by the parameters behind the force, in their units: the gradient is nearly linear."""
+_DIFFERENCES = (1e-3, 1e-3, 0.0, 1e-5, 1e-5, 1e-8)
+"""Steps of the differences by the parameters behind the force, in their units: the gradient is nearly linear. The
+stiffness has none: the elastic moments are proportional to it."""
 _MOST_BEND_RAD = 0.5
 """Largest angle of a joint of an unloaded rod."""
 
@@ -78,11 +79,12 @@ def _add_gradient_slopes(
     work: Work,
     spare: Elastic,
     moved: FloatArray,
+    rest: FloatArray,
     slopes: FloatArray,
 ) -> None:
     """Computes minus the derivatives (9, 3k) of the energy's gradient by each parameter into ``slopes``.
 
-    ``rod``: the nominal rod with ``parameters``; ``spare``: arrays for another one; ``moved`` (9,): buffer.
+    ``rod``: the rod with ``parameters``; ``spare``: arrays for another one; ``moved`` (9,), ``rest`` (3k,): buffers.
     ``work.gradient`` and ``work.hessian`` are overwritten.
     """
     size = slopes.shape[1]
@@ -93,16 +95,22 @@ def _add_gradient_slopes(
         for j in range(3):
             unit.force[j] = 1.0 if j == k else 0.0
         add_pull(q, rod, unit, slopes[k])
+    for r in range(size):  # at the equilibrium the elastic moments are those of the force
+        pull = 0.0
+        for k in range(_FORCE):
+            pull += load.force[k] * slopes[k, r]
+        slopes[_STIFFNESS, r] = -pull / (1.0 + parameters[_STIFFNESS])
+        rest[r] = work.gradient[r]
     for k in range(_FORCE, _COUNT):
+        if k == _STIFFNESS:
+            continue
         step = _DIFFERENCES[k - _FORCE]
         for j in range(_COUNT):
             moved[j] = parameters[j]
-        for side in (1.0, -1.0):
-            moved[k] = parameters[k] + side * step
-            assemble(q, _fill_elastic(moved, nominal, spare), load, touch, work)
-            for r in range(size):
-                before = slopes[k, r] if side < 0.0 else 0.0
-                slopes[k, r] = before - side * work.gradient[r] / (2.0 * step)
+        moved[k] += step
+        assemble(q, _fill_elastic(moved, nominal, spare), load, touch, work)
+        for r in range(size):
+            slopes[k, r] = (rest[r] - work.gradient[r]) / step
 
 
 @compiled
@@ -161,7 +169,8 @@ def _solve_shapes(
 ) -> None:
     """See `SpatialShapes.solve`."""
     load = Load(np.zeros(3), np.zeros(3), np.zeros((nominal.span.size, 3)))
-    moved, turns = np.zeros(_COUNT), np.zeros((_COUNT, 3 * nominal.span.size))
+    moved, rest = np.zeros(_COUNT), np.zeros(3 * nominal.span.size)
+    turns = np.zeros((_COUNT, 3 * nominal.span.size))
     for p in range(parameters.shape[0]):
         here, q = parameters[p], quaternions[p]
         if parents[p] >= 0:
@@ -175,7 +184,7 @@ def _solve_shapes(
         _nodes(q, nominal.reach, longer, rigid_m, nodes[p])
         if not stable[p]:
             continue
-        _add_gradient_slopes(q, here, nominal, rod, load, touch, work, spare, moved, turns)
+        _add_gradient_slopes(q, here, nominal, rod, load, touch, work, spare, moved, rest, turns)
         for k in range(_COUNT):
             solve(work.band, work.tail, turns[k])
         _add_node_slopes(q, nominal.reach, longer, rigid_m, turns, slopes[p])
@@ -227,7 +236,7 @@ class SpatialShapes:
 
         Returns:
             Nodes (count, segments + 2, 3) in m: clamp, ends of the segments, tip; their derivatives (count,
-            segments + 2, 3, 9) by the parameters; and whether each shape is a stable equilibrium. Where it is not, the
+            segments + 2, 3, 9) by the parameters; and whether each shape is a stable equilibrium. Where a shape is not, the
             derivatives are zero.
         """
         count, nodes = len(parameters), self.rod.segments + 2

@@ -1,0 +1,136 @@
+"""Constants and slow states of a session: their Gaussian, and how it changes with time and with the knob."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...mechanics.spatial import PARAMETERS
+from ...types import FloatArray, SessionInfo
+from ..rod import MODES
+from ._settings import SpaceSettings
+
+FORCE = 3
+BEND_Y, BEND_Z, STIFFNESS = 3, 4, 5
+SHAPE = len(PARAMETERS)
+POSITION, TURN = SHAPE, SHAPE + 3
+GAIN, LEVER = SHAPE + 6, SHAPE + 7
+FIRST_VIEW = SHAPE + 9
+VIEW_ERRORS = 6
+"""Errors of a view's projection: shift along u and v, scale, turn, stretch and shear."""
+PER_VIEW = VIEW_ERRORS + MODES
+"""Unknowns of a view: errors of its projection, and lasting errors of its line."""
+_PLAY_LEFT_OUT = 0.02
+"""The end of the play is known to this share of the angle by which the knob turns."""
+
+
+def errors_of_view(place: int) -> slice:
+    """Returns the unknowns of the ``place``-th view."""
+    return slice(FIRST_VIEW + place * PER_VIEW, FIRST_VIEW + (place + 1) * PER_VIEW)
+
+
+class Constants:
+    """Mean and covariance of all unknowns: force (rows zero), shape, base, knob, lever, and the errors of each view.
+
+    Args:
+        settings: the settings.
+        info: the session metadata.
+        views: names of the views.
+        contact_share: share of frames in contact.
+        several: whether the first instant showed more than one view: then the base's direction is known there.
+        knob_deg: first reading of the knob; NaN: not known.
+    """
+
+    def __init__(
+        self, settings: SpaceSettings, info: SessionInfo, views: Sequence[str], knob_deg: float, *, several: bool
+    ) -> None:
+        prior, actuation = settings.prior, info.actuation
+        self._settings = settings
+        gain, bend = actuation.knob_gain_per_m_deg, actuation.curvature_per_m(knob_deg)
+        known = gain is not None and bend is not None
+        self.gain_per_m_deg = gain if gain is not None and known else 0.0
+        self.knob_deg = knob_deg if known else 0.0
+        self._play_deg = prior.knob_play_deg if actuation.knob_play_deg is None else actuation.knob_play_deg
+        count = FIRST_VIEW + len(views) * PER_VIEW
+        self.mean, std = np.zeros(count), np.ones(count)
+        self.mean[BEND_Z] = (actuation.knob_offset_per_m or 0.0) if known else 0.0
+        self.mean[SHAPE - 1] = prior.stiffening_m2
+        stiffness, length = info.catheter.bending_stiffness_uncertainty, info.catheter.flexible_length_uncertainty
+        std[:FORCE] = 0.0
+        std[BEND_Y] = prior.out_of_plane_per_m
+        std[BEND_Z] = prior.unknown_curvature_per_m
+        if known:
+            std[BEND_Z] = math.hypot(prior.curvature_per_m, self.gain_per_m_deg * self._play_deg / math.sqrt(12.0))
+        std[STIFFNESS] = prior.stiffness if stiffness is None else math.hypot(stiffness, prior.stiffness_left_out)
+        std[STIFFNESS + 1] = prior.proximal_stiffness
+        std[STIFFNESS + 2] = prior.length if length is None else max(length, 1e-4)
+        std[SHAPE - 1] = prior.stiffening_std_m2
+        std[POSITION : POSITION + 3] = prior.base_position_m
+        tilt = info.view(views[0]).tilt_uncertainty_deg
+        roll_deg = prior.base_roll_deg if tilt is None else max(tilt, 0.1)
+        tilt_deg = prior.base_tilt_deg if tilt is None else max(tilt, 0.1)
+        if several:
+            tilt_deg = prior.base_angle_deg
+        std[TURN : TURN + 3] = np.radians([roll_deg, tilt_deg, prior.base_angle_deg])
+        std[GAIN] = prior.knob_gain
+        for place, view in enumerate(views):
+            std[errors_of_view(place)][:VIEW_ERRORS] = _view_stds(settings, info, view)
+        self.covariance = np.diag(std**2)
+
+    def predict(self, elapsed_s: float, knob_deg: float) -> None:
+        """Changes the Gaussian by the time that passed, and by the knob's turn.
+
+        Args:
+            elapsed_s: time since the last prediction.
+            knob_deg: reading of the knob; NaN: it stays.
+        """
+        settings, variance = self._settings, np.zeros(len(self.mean))
+        bend = self.gain_per_m_deg * abs(self.knob_deg)
+        variance[BEND_Z] = 2.0 * (settings.knob_drift * bend) ** 2 * min(1.0, elapsed_s / settings.knob_drift_s)
+        if self.gain_per_m_deg and not math.isnan(knob_deg):
+            turned = abs(knob_deg - self.knob_deg)
+            slack = min(turned, self._play_deg) ** 2 / 12.0 + (_PLAY_LEFT_OUT * turned) ** 2
+            variance[BEND_Z] += self.gain_per_m_deg**2 * slack
+            self.knob_deg = knob_deg
+        variance[BEND_Y : BEND_Z + 1] += settings.curvature_walk_per_m**2 * elapsed_s
+        variance[POSITION : POSITION + 3] = settings.base_walk_m**2 * elapsed_s
+        variance[TURN : TURN + 3] = math.radians(settings.base_walk_deg) ** 2 * elapsed_s
+        keeps = np.ones(len(self.mean))
+        keeps[LEVER : LEVER + 2] = math.exp(-elapsed_s / settings.friction_s)
+        for start in range(FIRST_VIEW + VIEW_ERRORS, len(keeps), PER_VIEW):
+            keeps[start : start + MODES] = math.exp(-elapsed_s / settings.line_error_s)
+        self.mean *= keeps
+        self.covariance *= np.outer(keeps, keeps)
+        self.covariance[np.diag_indices(len(keeps))] += variance + 1.0 - keeps**2
+
+
+def _view_stds(settings: SpaceSettings, info: SessionInfo, view: str) -> FloatArray:
+    """Returns the standard deviations (`VIEW_ERRORS`,) of the errors of a projection: px, then relative."""
+    prior, stated = settings.prior, info.view(view)
+    shift, stretch = prior.view_shift_px, prior.view_stretch
+    scale = stretch
+    if stated.projection is None:
+        scale = prior.view_scale if stated.metres_per_px_uncertainty is None else stated.metres_per_px_uncertainty
+    return np.array([shift, shift, scale, stretch, stretch, stretch])
+
+
+def error_slopes(points: FloatArray, normals: FloatArray, middle_px: FloatArray, modes: FloatArray) -> FloatArray:
+    """Returns the derivatives (points + 1, `PER_VIEW`) of a view's residuals by its errors.
+
+    Args:
+        points: (points, 2) of the line in px.
+        normals: (points, 2) its unit normals.
+        middle_px: (2,) the middle of the image.
+        modes: (points + 1, `MODES`) lasting errors of the line, px.
+    """
+    at = np.vstack([points, points[-1:]]) - middle_px
+    last = normals[-1]
+    across = np.vstack([normals, [last[1], -last[0]]])  # the last row: along the line
+    u, v = at.T
+    moved = np.stack(
+        [
+            np.stack([np.ones_like(u), np.zeros_like(u)]), np.stack([np.zeros_like(u), np.ones_like(u)]),
+            np.stack([u, v]), np.stack([-v, u]), np.stack([u, -v]), np.stack([v, u]),
+        ]
+    )  # fmt: skip
+    return np.concatenate([np.einsum("kan,na->nk", moved, across), modes], axis=1)

@@ -1,0 +1,278 @@
+"""The model of a session over time: each instant has its force, and some of them teach the constants.
+
+As in the model of a session in the plane (`session`), constants are learnt from one instant in
+`SpaceSettings.update_s`: errors of the model stay for many instants, and all of them together have little more
+information on the constants than one.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...mechanics.spatial import SpatialRod, SpatialShapes
+from ...types import DetectedShape, FloatArray, SessionInfo
+from ..rod import MODES, LineError, NoiseLevel, StatedErrors
+from ._cameras import Reference, ViewLine, camera_of, scale_at, toward_viewer
+from ._constants import FORCE, Constants, error_slopes
+from ._mixture import SpaceForce, mixed_constants, mixed_force
+from ._posterior import Fit, Measurement, Nodes, Problem, fit, lay_grid
+from ._settings import SpaceSettings
+
+_LEAST_SHARE = 1e-6
+"""No hypothesis is ever given up."""
+_UNCLEAR = 0.1
+"""An instant teaches the constants if the probability of contact is within this of 0 or 1."""
+_LEAST_CONTACT = 0.01
+"""Where contact is less probable, a fit of contact that fails does not count."""
+_GROWN = 1.5
+"""The session starts again if the noise is found to be larger by this factor."""
+_PIXELS = 240.0
+"""Length of the line in px by which the noise is laid out: of the bench that it was measured on."""
+_USUAL_MISFIT_RATIO = 1.0 / 3.0
+"""Usual misfit of `rod` over that of this model, both where the noise is as stated: true lines of simulated `biplane`
+sessions with twice the stated noise have 0.5 at a level of 2.5."""
+_APART = 2.0
+"""Two mirror images of the force are separate modes where they are further apart, in standard deviations."""
+
+
+class ViewShape(NamedTuple):
+    """A detected shape in one view, and the size of its image in px."""
+
+    shape: DetectedShape
+    size_px: tuple[int, int]
+
+
+class SpaceResult(NamedTuple):
+    """The force of one instant.
+
+    Attributes:
+        force: the force.
+        misfit: mean square, of the better hypothesis, in the noise's variances.
+        explained: whether the rod explains the lines.
+        level: of the noise relative to the stated one.
+    """
+
+    force: SpaceForce
+    misfit: float
+    explained: bool
+    level: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Values that are fixed at the start of a session: frame of the base, and the noise's modes of each view."""
+
+    reference: Reference
+    modes_px: dict[str, FloatArray]
+
+
+def rod_of(info: SessionInfo, segments: int) -> SpatialShapes:
+    """Returns the shapes of the rod that the metadata state; the middle of its tip's dome is loaded.
+
+    Args:
+        info: the session metadata, with length and stiffness.
+        segments: number of segments.
+    """
+    catheter = info.catheter
+    assert catheter.flexible_length_m is not None
+    assert catheter.bending_stiffness_nm2 is not None
+    profile = None
+    if catheter.stiffness_profile:
+        share, factor = np.array(catheter.stiffness_profile).T
+        profile = np.interp(np.linspace(0.0, 1.0, segments + 1), share, factor)
+    rigid = max(catheter.rigid_length_m or 0.0, 1e-6)  # without a rigid tip the last element is as good as nothing
+    dome = min(rigid, 0.5 * (catheter.diameter_m or 0.0))
+    rod = SpatialRod(
+        catheter.flexible_length_m,
+        catheter.bending_stiffness_nm2,
+        rigid,
+        stiffness_profile=profile,
+        segments=segments,
+    )
+    return SpatialShapes(rod, rigid - dome)
+
+
+class SpaceFilter:
+    """The state of one session; `step` takes its next lines.
+
+    Args:
+        settings: the settings.
+        contact_share: share of frames in contact.
+        info: the session metadata.
+    """
+
+    def __init__(self, settings: SpaceSettings, contact_share: float, info: SessionInfo) -> None:
+        self._settings, self._contact_share, self._info = settings, contact_share, info
+        self._shapes = rod_of(info, settings.segments)
+        diameter = info.catheter.diameter_m or 0.0
+        stiffness = self._shapes.rod.bending_stiffness_nm2
+        self._lever_per_m_n = settings.prior.friction * 0.5 * diameter / stiffness
+        self._level = NoiseLevel(settings.noise)
+        self._begun_factor = 1.0
+        self.constants: Constants | None = None
+        self._start: _Start | None = None
+        self._share = contact_share
+        self._waited_s, self._lost_s = math.inf, 0.0
+        self._last: dict[str, tuple[FloatArray, FloatArray]] = {}
+        self._touch_chi2 = math.inf
+
+    def step(self, seen: Mapping[str, ViewShape], knob_deg: float, elapsed_s: float, advance_m: float) -> SpaceResult:
+        """Returns the force at one instant.
+
+        Args:
+            seen: found shapes by the name of their view; at least one.
+            knob_deg: reading of the knob; NaN: not known.
+            elapsed_s: time since the last instant.
+            advance_m: advance of the clamp.
+        """
+        self._waited_s += elapsed_s
+        self._lost_s += elapsed_s
+        lines = {view: ViewLine.of(each.shape.centreline) for view, each in seen.items() if each.shape.centreline}
+        cameras = {view: camera_of(self._info, view, seen[view].size_px) for view in lines}
+        if self.constants is None or self._lost_s > self._settings.gap_s:
+            self._begin(lines, cameras, next(iter(seen.values())).size_px, knob_deg, advance_m)
+        assert self.constants is not None
+        self.constants.predict(elapsed_s, knob_deg)
+        change = 1.0 - math.exp(-elapsed_s / self._settings.contact_s)
+        share = self._share * (1.0 - change) + (1.0 - self._share) * change
+        problem = self._problem(seen, lines, cameras, advance_m)
+        free, grids = self._fit(problem)
+        log_odds = math.log(share / (1.0 - share))
+        largest = self._settings.prior.largest_force_n
+        force, shares = mixed_force(grids, free, log_odds, largest)
+        chi2 = min([free.chi2 if free.ok else math.inf, self._touch_chi2])
+        misfit = chi2 / problem.rows
+        free_counts = free.ok and force.contact < _LEAST_CONTACT
+        explained = misfit <= self._settings.max_misfit and (bool(grids) or free_counts)
+        level = self._level.factor
+        if explained:
+            self._lost_s = 0.0
+            self._share = min(1.0 - _LEAST_SHARE, max(_LEAST_SHARE, force.contact))
+        if math.isfinite(misfit):
+            self._level.add(_USUAL_MISFIT_RATIO * misfit, elapsed_s)
+        if self._level.factor > _GROWN * self._begun_factor:
+            self._lost_s = math.inf
+        contact = force.contact > 0.5
+        clear = abs(force.contact - float(contact)) < _UNCLEAR and (contact or free.ok)
+        if explained and clear and self._waited_s >= self._settings.update_s:
+            self.constants.mean, self.constants.covariance = mixed_constants(grids, shares, free, contact=contact)
+            self.constants.mean[:FORCE] = 0.0
+            self.constants.covariance[:FORCE] = self.constants.covariance[:, :FORCE] = 0.0
+            self._waited_s = 0.0
+        return SpaceResult(force, misfit, explained, level)
+
+    def _begin(
+        self,
+        lines: Mapping[str, ViewLine],
+        cameras: Mapping[str, FloatArray],
+        size_px: tuple[int, int],
+        knob_deg: float,
+        advance_m: float,
+    ) -> None:
+        """Starts the session at an instant: frame of the base, priors of the constants."""
+        views = self._settings.views
+        self.constants = Constants(self._settings, self._info, views, knob_deg, several=len(lines) > 1)
+        viewer = toward_viewer(camera_of(self._info, views[0], size_px), np.zeros(3))
+        order = [view for view in views if view in lines]
+        reference = Reference.of(
+            [cameras[view] for view in order], [lines[view] for view in order], self._shapes.rod.length_m, viewer
+        )
+        reference = replace(reference, origin_m=reference.origin_m - advance_m * reference.axes[:, 0])
+        self._begun_factor = self._level.factor
+        self._start = _Start(reference, {})
+        self._share, self._waited_s, self._lost_s, self._last = self._contact_share, math.inf, 0.0, {}
+
+    def _problem(
+        self,
+        seen: Mapping[str, ViewShape],
+        lines: Mapping[str, ViewLine],
+        cameras: Mapping[str, FloatArray],
+        advance_m: float,
+    ) -> Problem:
+        assert self.constants is not None
+        assert self._start is not None
+        measurements: list[Measurement] = []
+        for place, view in enumerate(self._settings.views):
+            if view not in lines:
+                continue
+            line, shape = lines[view], seen[view].shape
+            camera = self._start.reference.camera(cameras[view])
+            unit_px = max(1.0, self._shapes.rod.length_m * scale_at(camera, np.zeros(3)) / _PIXELS)
+            stated = StatedErrors.of(shape)
+            error = LineError.of(self._settings.noise, MODES, self._level.factor)
+            modes = self._start.modes_px.setdefault(view, error.modes)
+            error = replace(error, modes=modes).beside(stated, 1.0 / unit_px)
+            middle = 0.5 * (np.array(seen[view].size_px) - 1.0)
+            slopes = error_slopes(line.points, line.normals, middle, error.modes * unit_px)
+            measurements.append(Measurement(place, line, camera, error.whiten / unit_px, slopes, error.rows))
+        information = np.zeros_like(self.constants.covariance)
+        information[FORCE:, FORCE:] = np.linalg.inv(self.constants.covariance[FORCE:, FORCE:])
+        return Problem(
+            self._shapes, measurements, self.constants.mean, information, self.constants.gain_per_m_deg,
+            self.constants.knob_deg, self._lever_per_m_n, advance_m, self._settings.huber,
+        )  # fmt: skip
+
+    def _fit(self, problem: Problem) -> tuple[Fit, list[Nodes]]:
+        """Fits without and with a force; where one view is there, also from the mirror image of the force."""
+        unloaded = self._shapes.unloaded(1)[0]
+        start, shape = self._last.get("free", (problem.mean, unloaded))
+        free = fit(problem, start, shape, contact=False)
+        if free.ok:
+            self._last["free"] = free.q, free.quaternions
+        start, shape = self._last.get("touch", (free.q, free.quaternions))
+        touch = fit(problem, start, shape, contact=True)
+        if not touch.ok and free.ok:
+            touch = fit(problem, free.q, free.quaternions, contact=True)
+        self._touch_chi2 = touch.chi2 if touch.ok else math.inf
+        if not touch.ok:
+            self._last.pop("touch", None)
+            return free, []
+        largest = self._settings.prior.largest_force_n
+        self._last["touch"] = touch.q, touch.quaternions
+        nodes = lay_grid(problem, touch, largest)
+        grids = [] if nodes is None else [nodes]
+        if len(problem.measurements) == 1 and nodes is not None:
+            other = self._mirrored(problem, touch)
+            more = None if other is None else lay_grid(problem, other, largest)
+            if other is not None and more is not None:
+                grids = _each_on_its_side(nodes, more, touch.q[:FORCE], other.q[:FORCE])
+        return free, grids
+
+    def _mirrored(self, problem: Problem, touch: Fit) -> Fit | None:
+        """Returns the fit on the other side of the image's plane; None where there is no separate one."""
+        camera = problem.measurements[0].camera
+        depth = toward_viewer(camera, np.zeros(3))
+        start = problem.mean.copy()
+        force = touch.q[:FORCE]
+        start[:FORCE] = force - 2.0 * (force @ depth) * depth
+        quaternions = touch.quaternions.copy()
+        quaternions[:, 1:3] *= -1.0  # the mirror image in the plane z = 0 of the base
+        other = fit(problem, start, quaternions, contact=True)
+        if not other.ok:
+            return None
+        apart = other.q[:FORCE] - force
+        std = math.sqrt(max(1e-12, float(depth @ np.linalg.inv(touch.matrix)[:FORCE, :FORCE] @ depth)))
+        return other if abs(apart @ depth) > _APART * std else None
+
+
+def _each_on_its_side(first: Nodes, second: Nodes, first_n: FloatArray, second_n: FloatArray) -> list[Nodes]:
+    """Returns both grids, each with the nodes that are nearer to its own force."""
+    kept: list[Nodes] = []
+    for nodes, own, other in ((first, first_n, second_n), (second, second_n, first_n)):
+        middle, away = 0.5 * (own + other), own - other
+        here = (nodes.q[:, :FORCE] - middle) @ away > 0.0
+        if here.any():
+            kept.append(
+                replace(
+                    nodes,
+                    q=nodes.q[here],
+                    cost=nodes.cost[here],
+                    covariance=nodes.covariance[here],
+                    log_weight=nodes.log_weight[here],
+                    tip_axis=nodes.tip_axis[here],
+                )
+            )
+    return kept

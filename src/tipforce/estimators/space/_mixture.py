@@ -1,0 +1,169 @@
+"""From the nodes of one or several grids to the force, its intervals, and the constants of the session."""
+
+import math
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from ...types import FloatArray, IntArray
+from ._constants import FORCE
+from ._posterior import Fit, Nodes
+
+_ROOTS = (-math.sqrt(3.0), 0.0, math.sqrt(3.0))
+_SHARES = (1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0)
+"""Across the grid: Gauss-Hermite, exact for the first five moments."""
+_TAIL = 0.05
+"""Share outside of the 90 % intervals, on either side."""
+_PROFILE = 0.5 * 1.6448536**2
+"""Difference of the costs within which a force explains the lines as well as the best one: 90 %, one degree of freedom.
+"""
+_NEAR_NOTHING = 0.3
+"""The prior's density is infinite at no force and along the axis: it ends at this share of a node's distance."""
+
+
+class SpaceForce(NamedTuple):
+    """Posterior of the force.
+
+    Attributes:
+        force_n: (3,) mean over contact and none.
+        covariance_n2: (3, 3).
+        contact: probability of contact.
+        low_n: (4,) lower ends of the 90 % intervals of fx, fy, fz and the magnitude.
+        high_n: (4,) upper ends.
+        modes: number of separate forces that explain the lines: 2 where one view leaves the depth open up to its mirror
+            image.
+    """
+
+    force_n: FloatArray
+    covariance_n2: FloatArray
+    contact: float
+    low_n: FloatArray
+    high_n: FloatArray
+    modes: int
+
+
+class _Samples(NamedTuple):
+    points: FloatArray
+    flat: FloatArray
+    weight: FloatArray
+    of_node: IntArray
+
+
+def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
+    """Returns points (n, 3) of the force, their flat and their prior's weights, and the node of each."""
+    free = FORCE - nodes.held
+    covariance = nodes.basis.T @ nodes.covariance[:, :FORCE, :FORCE] @ nodes.basis
+    root = np.linalg.cholesky(covariance[:, :free, :free] + 1e-14 * np.eye(free))
+    unit = np.array(list(product(_ROOTS, repeat=free)))
+    share = np.prod(np.array(list(product(_SHARES, repeat=free))), axis=1)
+    offsets = np.einsum("pij,sj->psi", root, unit) @ nodes.basis[:, :free].T
+    points = (nodes.q[:, None, :FORCE] + offsets).reshape(-1, FORCE)
+    size = np.linalg.norm(points, axis=1)
+    axial = np.einsum("psk,pk->ps", points.reshape(len(nodes.q), -1, FORCE), nodes.tip_axis).ravel()
+    flat = (np.exp(nodes.log_weight - best)[:, None] * share).ravel() * ((axial < 0.0) & (size <= largest_n))
+    wide = nodes.spacing ** (1.0 / nodes.held)
+    across = np.sqrt(np.einsum("pkk->p", covariance[:, :free, :free]) / free)
+    near2 = np.repeat((_NEAR_NOTHING * wide) ** 2 + 0.25 * across**2, len(unit))
+    # uniform in magnitude, in the angle to the tip's axis, and about it
+    across2 = np.maximum(size**2 - axial**2, 0.0)
+    prior = 1.0 / (math.pi**2 * largest_n * np.sqrt((size**2 + near2) * (across2 + near2)))
+    # the volume of a node, and of the Gaussian across it; the other unknowns are the same with and without a force
+    volume = nodes.spacing * (2.0 * math.pi) ** (0.5 * free)
+    return _Samples(points, flat * volume, flat * volume * prior, np.repeat(np.arange(len(nodes.q)), len(unit)))
+
+
+def mixed_force(
+    grids: Sequence[Nodes], free: Fit, log_odds: float, largest_n: float
+) -> tuple[SpaceForce, list[FloatArray]]:
+    """Returns the force over contact and none, and the flat shares of the nodes of each grid.
+
+    The prior of the force counts once, for the force of this instant. For the constants its prior is flat: one that
+    prefers small forces, counted again with every instant, would draw them to where all forces are small.
+
+    Args:
+        grids: fitted grids; none where nothing fits with a force.
+        free: the fit without a force.
+        log_odds: logarithm of the odds of contact beforehand.
+        largest_n: the prior of the force ends here.
+    """
+    best = max((float(nodes.log_weight.max()) for nodes in grids), default=-math.inf)
+    parts = [_samples(nodes, best, largest_n) for nodes in grids]
+    total = sum(float(part.weight.sum()) for part in parts)
+    none = -free.cost - 0.5 * free.log_det if free.ok else -math.inf
+    if total > 0.0:
+        odds = math.log(total) + best - none + log_odds if free.ok else math.inf
+        contact = 1.0 / (1.0 + math.exp(-max(-60.0, min(60.0, odds))))
+    else:
+        contact = 0.0
+    points = np.concatenate([*(part.points for part in parts), np.zeros((1, FORCE))])
+    shares = np.concatenate([*(part.weight * (contact / total if total > 0.0 else 0.0) for part in parts), [0.0]])
+    shares[-1] = 1.0 - contact
+    mean = shares @ points
+    spread = (points - mean).T @ ((points - mean) * shares[:, None])
+    values = np.column_stack([points, np.linalg.norm(points, axis=1)])
+    ends = np.array([_ends(column, shares) for column in values.T])
+    low, high = ends[:, 0], ends[:, 1]
+    if contact > 0.0:
+        _widen_by_profile(grids, free, largest_n, low, high)
+    flat = [np.bincount(part.of_node, part.flat, len(nodes.q)) for part, nodes in zip(parts, grids, strict=True)]
+    whole = sum(float(each.sum()) for each in flat)
+    modes = sum(float(part.weight.sum()) > 0.05 * total for part in parts) if total > 0.0 else 0
+    return SpaceForce(mean, spread, contact, low, high, modes), [each / max(whole, 1e-300) for each in flat]
+
+
+def _ends(values: FloatArray, shares: FloatArray) -> tuple[float, float]:
+    """Returns the 5 and 95 % quantiles of points with ``shares``, linear between their middles."""
+    order = np.argsort(values)
+    order = order[shares[order] > 0.0]
+    middles = np.cumsum(shares[order]) - 0.5 * shares[order]
+    low, high = np.interp([_TAIL, 1.0 - _TAIL], middles, values[order])
+    return float(low), float(high)
+
+
+def _widen_by_profile(grids: Sequence[Nodes], free: Fit, largest_n: float, low: FloatArray, high: FloatArray) -> None:
+    """Widens the intervals to all forces that explain the lines nearly as well as the best one (profile likelihood).
+
+    Where the shape shows nothing of a force the prior alone would decide, in favour of no contact.
+    """
+    best = min([free.cost if free.ok else math.inf, *(float(nodes.cost.min()) for nodes in grids)])
+    if free.ok and free.cost <= best + _PROFILE:
+        low[:], high[:] = np.minimum(low, 0.0), np.maximum(high, 0.0)
+    for nodes in grids:
+        left = best + _PROFILE - nodes.cost
+        covariance = nodes.covariance[:, :FORCE, :FORCE]
+        reach = np.sqrt(2.0 * np.maximum(left, 0.0))[:, None] * np.sqrt(np.einsum("pkk->pk", covariance))
+        force = nodes.q[:, :FORCE]
+        size = np.linalg.norm(force, axis=1)
+        pushes = np.einsum("pk,pk->p", force, nodes.tip_axis) < 0.0
+        use = (left >= 0.0) & pushes & (size <= largest_n)
+        if use.any():
+            direction = force / np.maximum(size, 1e-9)[:, None]
+            out = np.sqrt(np.einsum("pa,pab,pb->p", direction, covariance, direction) * 2.0 * np.maximum(left, 0.0))
+            below = np.column_stack([force - reach, np.maximum(size - out, 0.0)])[use]
+            above = np.column_stack([force + reach, size + out])[use]
+            low[:], high[:] = np.minimum(low, below.min(axis=0)), np.maximum(high, above.max(axis=0))
+
+
+def mixed_constants(
+    grids: Sequence[Nodes], shares: Sequence[FloatArray], free: Fit, *, contact: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Returns mean (unknowns,) and covariance (unknowns, unknowns) of the unknowns, in contact or without.
+
+    Args:
+        grids: fitted grids.
+        shares: flat shares of their nodes, from `mixed_force`.
+        free: the fit without a force.
+        contact: which of the two.
+    """
+    if not contact:
+        covariance = np.asarray(np.linalg.inv(free.matrix), np.float64)
+        covariance[:FORCE] = covariance[:, :FORCE] = 0.0
+        return free.q.copy(), covariance
+    q = np.concatenate([nodes.q for nodes in grids])
+    share = np.concatenate(list(shares))
+    mean = share @ q
+    apart = q - mean
+    inner = np.einsum("p,pij->ij", share, np.concatenate([nodes.covariance for nodes in grids]))
+    return mean, inner + (apart * share[:, None]).T @ apart

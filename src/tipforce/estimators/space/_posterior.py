@@ -1,0 +1,363 @@
+"""Posterior of the force in space from the lines of one instant.
+
+Unknown are the force, with a flat prior, and the constants, with a Gaussian one. Along the direction that the shapes
+show least, and along a second one where they show it little, the force is fixed at the nodes of a grid. At each node
+the rest is fitted by Gauss-Newton and integrated by Laplace's approximation. All nodes are fitted together.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...mechanics.spatial import SpatialShapes
+from ...types import FloatArray, IntArray
+from ._cameras import ViewLine, turns
+from ._constants import BEND_Y, BEND_Z, FORCE, GAIN, LEVER, POSITION, SHAPE, STIFFNESS, TURN, errors_of_view
+from ._projection import RATES, residuals
+
+_START_N = 0.3
+"""Standard deviation of each component of the force in the fit from which the grid is laid out."""
+_FIT_STEPS, _NODE_STEPS = 40, 4
+_MOST_DAMPING = 1e6
+_SMALL_GAP = 0.01
+"""Squared distance to the minimum, in standard deviations, at which a fit ends."""
+_NODE_GAP, _MOST_GAP = 0.1, 1.0
+"""The same of a node: where all nodes are fitted, and beyond which one is left out."""
+_NODE_STD = 0.8
+"""Distance of the nodes over the standard deviation at the best fit, within the limits that follow."""
+_SHORTEST_N, _LONGEST_N = 2e-3, 0.04
+_LONG, _SHORT = 9, 5
+"""Nodes to either side along the direction that is shown least, and along the second one."""
+_DEPTH = 12.0
+"""A node whose density is lower than the highest by exp(-this) is left out."""
+_LITTLE_N = 0.03
+"""Standard deviation from which the second direction has a grid, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """The line of one view.
+
+    Attributes:
+        place: place of the view among those of the session.
+        line: the line.
+        camera: (3, 4) projection from the reference frame of the base to pixels.
+        whiten: (points + 1, points + 1) makes the residuals white; zero rows where a point is hidden.
+        error_slopes: (points + 1, errors) derivatives of the residuals by the errors of the view.
+        rows: number of measurements.
+    """
+
+    place: int
+    line: ViewLine
+    camera: FloatArray
+    whiten: FloatArray
+    error_slopes: FloatArray
+    rows: int
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """All that the posterior of one instant needs.
+
+    Attributes:
+        shapes: the rod.
+        measurements: lines of this instant.
+        mean: (unknowns,) mean of the constants.
+        information: (unknowns, unknowns) inverse of their covariance; zero for the force.
+        gain_per_m_deg: curvature for a degree of the knob.
+        knob_deg: reading of the knob.
+        lever_per_m_n: curvature per newton by one standard deviation of the lever.
+        advance_m: advance of the clamp.
+        huber: see the settings.
+    """
+
+    shapes: SpatialShapes
+    measurements: Sequence[Measurement]
+    mean: FloatArray
+    information: FloatArray
+    gain_per_m_deg: float
+    knob_deg: float
+    lever_per_m_n: float
+    advance_m: float
+    huber: float
+
+    @property
+    def rows(self) -> int:
+        """Number of measurements."""
+        return sum(each.rows for each in self.measurements)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Normal equations at ``count`` points of the unknowns.
+
+    Attributes:
+        cost: (count,) minus the logarithm of the density, up to a constant; infinite where there is no such shape.
+        chi2: (count,) squares of the whitened residuals.
+        matrix: (count, unknowns, unknowns) information.
+        side: (count, unknowns) minus the gradient of the cost.
+        tip_axis: (count, 3) axis of the tip, base frame.
+    """
+
+    cost: FloatArray
+    chi2: FloatArray
+    matrix: FloatArray
+    side: FloatArray
+    tip_axis: FloatArray
+
+
+def linearise(
+    problem: Problem, q: FloatArray, quaternions: FloatArray, parents: IntArray | None = None, *, contact: bool = True
+) -> Linear:
+    """Computes the normal equations.
+
+    Args:
+        problem: lines and prior.
+        q: (count, unknowns) points.
+        quaternions: (count, elements, 4) starts of the shapes; then the shapes.
+        parents: see `SpatialShapes.solve`.
+        contact: whether the force is an unknown with a flat prior.
+
+    Returns:
+        The normal equations.
+    """
+    count, size = q.shape
+    parameters = q[:, :SHAPE].copy()
+    force = np.linalg.norm(q[:, :FORCE], axis=1)
+    lever = problem.lever_per_m_n
+    knob = problem.gain_per_m_deg * problem.knob_deg
+    parameters[:, BEND_Y] += lever * force * q[:, LEVER]
+    parameters[:, BEND_Z] += lever * force * q[:, LEVER + 1] + knob * (1.0 + q[:, GAIN])
+    possible = problem.shapes.is_possible(parameters)
+    parameters[~possible] = parameters[possible][0] if possible.any() else 0.0
+    nodes, node_slopes, stable = problem.shapes.solve(parameters, quaternions, parents)
+    turn, turn_slopes = turns(q[:, TURN : TURN + 3])
+    position = q[:, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0]
+    apart = q - problem.mean
+    matrix = np.tile(problem.information, (count, 1, 1))
+    side = -apart @ problem.information
+    cost = -0.5 * np.einsum("pk,pk->p", side, apart)
+    chi2 = np.zeros(count)
+    direction = q[:, :FORCE] / np.maximum(force, 1e-9)[:, None]
+    for each in problem.measurements:
+        rows = len(each.line.points) + 1
+        residual, shape_slopes = np.empty((count, rows)), np.empty((count, rows, RATES))
+        residuals(
+            nodes, node_slopes, position, turn, turn_slopes, each.camera, each.line.points, each.line.normals,
+            residual, shape_slopes,
+        )  # fmt: skip
+        slopes = np.zeros((count, rows, size))
+        slopes[:, :, :RATES] = shape_slopes
+        slopes[:, :, GAIN] = knob * shape_slopes[:, :, BEND_Z]
+        for k, bend in enumerate((BEND_Y, BEND_Z)):
+            slopes[:, :, LEVER + k] = lever * force[:, None] * shape_slopes[:, :, bend]
+            share = lever * q[:, LEVER + k, None] * shape_slopes[:, :, bend]
+            slopes[:, :, :FORCE] += share[:, :, None] * direction[:, None, :]
+        own = errors_of_view(each.place)
+        slopes[:, :, own] = each.error_slopes
+        white = (residual + q[:, own] @ each.error_slopes.T) @ each.whiten.T
+        grown = np.abs(white)
+        within = grown <= problem.huber
+        cost += np.where(within, 0.5 * white**2, problem.huber * (grown - 0.5 * problem.huber)).sum(axis=1)
+        chi2 += (white**2).sum(axis=1)
+        weight = np.sqrt(np.where(within, 1.0, problem.huber / np.maximum(grown, 1e-9)))
+        whitened = (each.whiten @ slopes) * weight[:, :, None]
+        matrix += whitened.transpose(0, 2, 1) @ whitened
+        side -= np.einsum("prk,pr->pk", whitened, weight * white)
+    if contact:  # the shapes show force over stiffness: a flat prior of the force would prefer stiff rods
+        side[:, STIFFNESS] -= 1.0 / (1.0 + q[:, STIFFNESS])
+        cost += np.log1p(q[:, STIFFNESS])
+    cost[~(possible & stable)] = math.inf
+    axis = nodes[:, -1] - nodes[:, -2]
+    return Linear(cost, chi2, matrix, side, axis / np.linalg.norm(axis, axis=1, keepdims=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The best point.
+
+    Attributes:
+        q: (unknowns,) it.
+        quaternions: (elements, 4) its shape.
+        cost: see `Linear`.
+        chi2: see `Linear`.
+        matrix: (unknowns, unknowns) information, with unit rows for held unknowns.
+        tip_axis: (3,) axis of the tip.
+        ok: whether it is a minimum.
+    """
+
+    q: FloatArray
+    quaternions: FloatArray
+    cost: float
+    chi2: float
+    matrix: FloatArray
+    tip_axis: FloatArray
+    ok: bool
+
+    @property
+    def log_det(self) -> float:
+        """Logarithm of the determinant of the information."""
+        return float(np.linalg.slogdet(self.matrix)[1])
+
+
+def fit(problem: Problem, start: FloatArray, quaternions: FloatArray, *, contact: bool) -> Fit:
+    """Finds the best point by Levenberg-Marquardt, with a force (about no force, 0.3 N) or without.
+
+    Args:
+        problem: lines and prior.
+        start: (unknowns,) start.
+        quaternions: (elements, 4) start of the shape; it is not changed.
+        contact: whether there is a force.
+    """
+    q, shape = start.copy(), quaternions.copy()
+    if not contact:
+        q[:FORCE] = 0.0
+    info = np.full(FORCE, _START_N**-2 if contact else 0.0)
+
+    def at(point: FloatArray, shape: FloatArray) -> tuple[float, Linear]:
+        found = linearise(problem, point[None], shape[None], contact=contact)
+        matrix, side = found.matrix[0], found.side[0]
+        if contact:
+            matrix[range(FORCE), range(FORCE)] += info
+            side[:FORCE] -= info * point[:FORCE]
+        else:
+            hold(matrix, side, 0, FORCE)
+        return float(found.cost[0] + 0.5 * info @ point[:FORCE] ** 2), found
+
+    cost, here = at(q, shape)
+    damping, gap = 0.0, math.inf
+    for _ in range(_FIT_STEPS):
+        if not math.isfinite(cost):
+            break
+        matrix = here.matrix[0]
+        step = _solve(matrix + damping * np.diag(np.diag(matrix)), here.side[0])
+        gap = float(step @ here.side[0])
+        if gap < _SMALL_GAP and damping < 1e-2:
+            break
+        trial_shape = shape.copy()
+        tried, there = at(q + step, trial_shape)
+        if tried <= cost + 1e-9:
+            q, shape, cost, here = q + step, trial_shape, tried, there
+            damping = 0.0 if damping < 1e-3 else 0.2 * damping
+        else:
+            damping = max(1e-2, 6.0 * damping)
+            if damping > _MOST_DAMPING:
+                break
+    ok = math.isfinite(cost) and gap < 1.0
+    return Fit(q, shape, cost, float(here.chi2[0]), here.matrix[0], here.tip_axis[0], ok)
+
+
+def hold(matrix: FloatArray, side: FloatArray, first: int, last: int) -> None:
+    """Holds the unknowns ``first`` to ``last`` in place: unit rows (..., unknowns, unknowns), no gradient."""
+    matrix[..., first:last, :] = 0.0
+    matrix[..., :, first:last] = 0.0
+    for k in range(first, last):
+        matrix[..., k, k] = 1.0
+    side[..., first:last] = 0.0
+
+
+def _solve(matrix: FloatArray, side: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.solve(matrix, side[..., None])[..., 0], np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """The fitted nodes of a grid.
+
+    Attributes:
+        basis: (3, 3) directions of the force in columns, the one that is shown least last.
+        held: number of the last directions that have a grid.
+        spacing: length (held = 1), or area (held = 2), of a node in N or N^2.
+        q: (count, unknowns) the nodes.
+        cost: (count,) at each node.
+        covariance: (count, unknowns, unknowns) with the held directions fixed; the force in base axes.
+        log_weight: (count,) logarithm of the density, integrated over everything that is not held.
+        tip_axis: (count, 3) axis of the tip.
+    """
+
+    basis: FloatArray
+    held: int
+    spacing: float
+    q: FloatArray
+    cost: FloatArray
+    covariance: FloatArray
+    log_weight: FloatArray
+    tip_axis: FloatArray
+
+
+def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
+    """Fits the nodes of a grid about the best fit.
+
+    Args:
+        problem: lines and prior.
+        best: the best fit with a force.
+        largest_n: nodes with a larger force are left out.
+
+    Returns:
+        The nodes; None where none fits.
+    """
+    spread = np.linalg.inv(best.matrix)[:FORCE, :FORCE]
+    values, basis = np.linalg.eigh(0.5 * (spread + spread.T))
+    std = np.sqrt(np.maximum(values, 1e-12))
+    held = 2 if std[1] > _LITTLE_N else 1
+    step = np.clip(_NODE_STD * std[::-1][:held], _SHORTEST_N, _LONGEST_N)
+    counts = (_LONG,) if held == 1 else (_LONG, _SHORT)
+    grid = np.stack(np.meshgrid(*[np.arange(-n, n + 1) for n in counts], indexing="ij"), axis=-1).reshape(-1, held)
+    grid = grid[np.argsort(np.abs(grid).sum(axis=1), kind="stable")]
+    rotate = np.eye(len(best.q))
+    rotate[:FORCE, :FORCE] = basis
+    # the rest follows the held directions along the minimum; without the prior of the best fit
+    matrix = rotate.T @ best.matrix @ rotate
+    rest = np.ones(len(best.q), np.bool_)
+    fixed = np.arange(FORCE - 1, FORCE - 1 - held, -1)
+    rest[fixed] = False
+    follow = np.linalg.solve(matrix[np.ix_(rest, rest)], -matrix[np.ix_(rest, fixed)])
+    offsets = grid * step
+    turned = np.zeros((len(grid), len(best.q)))
+    turned[:, fixed] = offsets
+    turned[:, rest] = offsets @ follow.T
+    q = best.q + turned @ rotate.T
+    inside = np.linalg.norm(q[:, :FORCE], axis=1) <= largest_n
+    q, grid = q[inside], grid[inside]
+    if not len(q):
+        return None
+    index = {tuple(each): k for k, each in enumerate(grid.tolist())}
+    parents = np.array([_parent(each, index) for each in grid.tolist()])
+    quaternions = np.tile(best.quaternions, (len(q), 1, 1))
+    matrix, gap, cost, axis = np.empty(0), np.empty(0), np.empty(0), np.empty(0)
+    starts: IntArray | None = parents
+    for _ in range(_NODE_STEPS):
+        here = linearise(problem, q, quaternions, starts)
+        matrix, side = rotate.T @ here.matrix @ rotate, here.side @ rotate
+        hold(matrix, side, FORCE - held, FORCE)
+        moved = np.zeros_like(q)
+        fine = np.isfinite(here.cost)
+        moved[fine] = _solve(matrix[fine], side[fine])
+        gap = np.einsum("pk,pk->p", moved, side)
+        cost = np.where(fine, here.cost - 0.5 * gap, math.inf)
+        kept = cost < cost.min() + _DEPTH
+        q, quaternions, starts = q[kept] + moved[kept] @ rotate.T, quaternions[kept], None
+        matrix, gap, cost, axis = matrix[kept], gap[kept], cost[kept], here.tip_axis[kept]
+        if not len(q) or gap.max() < _NODE_GAP:
+            break
+    fits = gap < _MOST_GAP
+    if not fits.any():
+        return None
+    covariance = np.linalg.inv(matrix[fits])
+    covariance[:, fixed, fixed] = 0.0
+    return Nodes(
+        basis, held, float(np.prod(step)), q[fits], cost[fits], rotate @ covariance @ rotate.T,
+        -cost[fits] - 0.5 * np.linalg.slogdet(matrix[fits])[1], axis[fits],
+    )  # fmt: skip
+
+
+def _parent(place: list[int], index: dict[tuple[int, ...], int]) -> int:
+    """Returns the node one nearer to the middle, from whose shape that of ``place`` starts; -1: the best fit's."""
+    nearer = list(place)
+    for k in range(len(place)):
+        if place[k]:
+            nearer[k] = place[k] - (1 if place[k] > 0 else -1)
+            return index.get(tuple(nearer), -1)
+    return -1

@@ -1,0 +1,266 @@
+"""Method `rod-3d`: the force in space from the centrelines of one view or two, by the mechanics of the rod in space.
+
+One rod in space is fitted to the lines of all views together, in the pixels of each view: no curve in space is
+triangulated before. The force is integrated along the direction that the lines show least, and constants of the session
+are learnt over time (`_filter`). An instant with one view has an estimate, too, whose depth is known up to its mirror
+image at best: its interval then contains both.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ...datasets import Dataset
+from ...errors import InputError, ModelError
+from ...types import DetectedShape, ForceEstimate, Image, Observation, SessionInfo, Status, missing_views, views_text
+from ...vision import detector_kind
+from .._base import Estimator, Progress, Stream, no_progress
+from .._builder import within_error
+from .._facts import ModelFacts, ModelSummary
+from .._reading import Abstention
+from .._session_detection import SessionDetection
+from .._session_metadata import UninformedStream
+from ..rod import late_frame
+from ._filter import SpaceFilter, ViewShape
+from ._settings import SpaceSettings
+from ._widths import SpaceWidths, calibrated_widths
+
+_NEEDED = ("catheter.flexible_length_m", "catheter.bending_stiffness_nm2")
+_CONTACT_N = 0.01
+"""Force from which a frame counts as in contact."""
+_LEAST_CONTACT, _MOST_CONTACT = 0.02, 0.98
+"""Limits of the share of contact that `fit` learns."""
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    contact_share: float
+    widths: SpaceWidths = SpaceWidths()  # noqa: RUF009 (frozen)
+
+
+class SpaceFacts(ModelFacts, frozen=True):
+    """Facts of `rod-3d`.
+
+    Attributes:
+        contact_share: share of the frames in which the tip touches.
+    """
+
+    contact_share: float = 0.5
+
+    def summary(self) -> ModelSummary:
+        """Returns the facts in words."""
+        line = f"90 % intervals rest on {self.interval_basis}"
+        return ModelSummary(
+            "The detected centrelines of one view or two, the knob, and the catheter's stated stiffness and length.",
+            "centrelines and knob",
+            (f"{line}.",),
+            (line,),
+        )
+
+
+class SpaceStream:
+    """Estimates one session, instant after instant; a late one is refused.
+
+    Args:
+        settings: settings of the method.
+        fitted: its learnt state.
+        info: the session metadata.
+        images: images of the session in its first view, if they are available beforehand.
+    """
+
+    def __init__(self, settings: SpaceSettings, fitted: _Fitted, info: SessionInfo, images: Sequence[Image]) -> None:
+        self._settings, self._widths = settings, fitted.widths
+        self._detections = {
+            view: SessionDetection(settings.vision_of(view), info, images if place == 0 else ())
+            for place, view in enumerate(settings.views)
+        }
+        self._info = info
+        self._filter = SpaceFilter(settings, fitted.contact_share, info)
+        self._stamp_ns: int | None = None
+
+    def update(self, observation: Observation) -> ForceEstimate:
+        """Returns the force at this observation; the status states the reason of an abstention."""
+        stamp, settings = observation.stamp_ns, self._settings
+        if late := late_frame(stamp, self._stamp_ns):
+            return late
+        seen: dict[str, ViewShape] = {}
+        reasons: dict[str, Abstention] = {}
+        first: DetectedShape | None = None
+        advance_m = 0.0
+        for view, detection in self._detections.items():
+            if view not in observation.views:
+                there = views_text(observation.views) if observation.views else "no view"
+                reasons[view] = Abstention(Status.MISSING_INPUT, f"it has no image of this instant; {there} has one")
+                continue
+            found = detection.read(observation)
+            if view == settings.views[0]:
+                first = detection.shape
+            if isinstance(found, Abstention):
+                reasons[view] = found
+            else:
+                seen[view], advance_m = ViewShape(found.shape, found.size_px), found.advance_m
+        if not seen:
+            abstention = next(iter(reasons.values()))
+            return ForceEstimate.invalid(stamp, abstention.status, _texts(reasons), first)
+        knob = observation.actuation.get("knob_deg", math.nan)
+        if detail := self._implausible_knob(knob):
+            return ForceEstimate.invalid(stamp, Status.OUT_OF_DISTRIBUTION, detail, first)
+        elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
+        self._stamp_ns = stamp
+        found = self._filter.step(seen, knob, elapsed_s, advance_m)
+        if not found.explained:
+            return ForceEstimate.invalid(
+                stamp,
+                Status.OUT_OF_DISTRIBUTION,
+                f"no force at the tip bends the stated rod into the shape in {views_text(seen)}: the mean square "
+                f"misfit is {found.misfit:.1f}, the limit {settings.max_misfit:g}",
+                first,
+            )
+        if found.level > settings.noise.max_level:
+            return ForceEstimate.invalid(
+                stamp,
+                Status.OUT_OF_DISTRIBUTION,
+                f"the stated rod explains the detected lines only with {found.level:.0f} times the noise that is "
+                f"stated, more than noise.max_level = {settings.noise.max_level:g}",
+                first,
+            )
+        detail = ""
+        if len(seen) == 1:
+            detail = f"from {views_text(seen)} alone: the depth is known up to its mirror image"
+            if reasons:
+                detail += f" ({_texts(reasons)})"
+        return within_error(self._widths.estimate(stamp, found.force, first, detail), settings.max_error_n)
+
+    def _implausible_knob(self, knob_deg: float) -> str:
+        gain = self._info.actuation.knob_gain_per_m_deg
+        limit = self._settings.max_precurvature_per_m
+        if gain is None or math.isnan(knob_deg) or abs(gain * knob_deg) <= limit:
+            return ""
+        return (
+            f"at {knob_deg:g} degrees the knob would produce a curvature of {gain * knob_deg:.3g} 1/m, more than "
+            f"max_precurvature_per_m = {limit:g}"
+        )
+
+
+def _texts(reasons: Mapping[str, Abstention]) -> str:
+    return "; ".join(f"{view}: {each.detail}" for view, each in reasons.items())
+
+
+class Rod3d(Estimator):
+    """See the module; before `fit`, ``fitted_`` holds the settings' own."""
+
+    name: ClassVar[str] = "rod-3d"
+    settings_type = SpaceSettings
+    settings: SpaceSettings
+    needs_fit: ClassVar[bool] = False
+    view_setting: ClassVar[str] = "views"
+
+    def __init__(self, settings: SpaceSettings | None = None) -> None:
+        super().__init__(settings)
+        self.fitted_ = _Fitted(self.settings.prior.contact_share)
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """The views of the settings."""
+        return self.settings.views
+
+    @property
+    def uses_history(self) -> bool:
+        """It remembers."""
+        return True
+
+    @property
+    def calibrates_on_images(self) -> bool:
+        """Whether tip template, length and threshold are resolved for each session."""
+        return detector_kind(self.settings.vision.method).by_session
+
+    @property
+    def required_metadata(self) -> tuple[str, ...]:
+        """The rod's length and stiffness, and the scale of each view; of two views also the projections."""
+        keys = [f"views.{view}.metres_per_px" for view in self.views]
+        if len(self.views) > 1:
+            keys += [f"views.{view}.projection" for view in self.views]
+        return (*_NEEDED, *keys)
+
+    def obstacle(self, info: SessionInfo) -> str:
+        """See `Estimator.obstacle`; also the reason where the projections of two views have different frames."""
+        if lacking := super().obstacle(info):
+            return lacking
+        frames = {view: info.view(view).projection_frame for view in self.views}
+        if len(self.views) == 2 and len(set(frames.values())) > 1:
+            text = " and ".join(f"views.{view}.projection_frame is {frame}" for view, frame in frames.items())
+            return f"{text}; both views need the same frame of their projections"
+        return ""
+
+    def reading(self, view: str) -> Self:
+        """Returns this method for one other view."""
+        return self._for((view,))
+
+    def for_views(self, there: Iterable[str]) -> Self:
+        """Returns this method for data: where nobody chose views, it reads the first two that are there."""
+        names = tuple(there)
+        if not names:
+            return self
+        if not self.view_is_stated:
+            return self if self.views == names[:2] else self._for(names[:2])
+        lacking = [view for view in self.views if view not in names]
+        if lacking:
+            raise InputError(f"{missing_views(lacking, names)}, and {self.name} reads {views_text(self.views)}")
+        return self
+
+    def _for(self, views: tuple[str, ...]) -> Self:
+        made = type(self)(self.settings.model_copy(update={"views": views}))
+        made.fitted_ = self.fitted_
+        return made
+
+    def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
+        """A stream for one session; see `Estimator.start`."""
+        if why := self.obstacle(info):
+            return UninformedStream(why)
+        return SpaceStream(self.settings, self.fitted_, info, images)
+
+    def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Learns the share of frames in contact from sessions with forces."""
+        del progress
+        touching = np.linalg.norm(np.where(dataset.known, dataset.force_n, 0.0), axis=1) > _CONTACT_N
+        share = min(_MOST_CONTACT, max(_LEAST_CONTACT, float(touching.mean())))
+        self.fitted_ = replace(self.fitted_, contact_share=share)
+        return self
+
+    def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
+        """Widens or narrows the intervals so that they hold on sessions apart; the forces stay as they are."""
+        report = progress or no_progress
+        every = type(self)(self.settings.model_copy(update={"max_error_n": None}))
+        every.fitted_ = replace(self.fitted_, widths=SpaceWidths())
+        found = every.predict(dataset, lambda share: report("calibrating", share))
+        self.fitted_ = replace(self.fitted_, widths=calibrated_widths(found, dataset))
+        return self
+
+    def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+        """See `Estimator.state`."""
+        return {"contact_share": self.fitted_.contact_share, "widths": self.fitted_.widths.values()}, {}
+
+    @classmethod
+    def from_state(
+        cls,
+        settings: Mapping[str, Any],
+        values: Mapping[str, Any],
+        arrays: Mapping[str, npt.NDArray[Any]],
+        files: Mapping[str, bytes] | None = None,
+    ) -> Self:
+        """The inverse of `state`."""
+        del arrays, files
+        share = float(values["contact_share"])
+        if not 0.0 < share < 1.0:
+            raise ModelError(f"the model states a share of contact of {share}; expected one between 0 and 1")
+        made = cls(SpaceSettings.model_validate(settings))
+        made.fitted_ = _Fitted(share, SpaceWidths.of(values["widths"]))
+        return made
+
+    def describe(self) -> SpaceFacts:
+        """Returns the facts of the model."""
+        return SpaceFacts(contact_share=self.fitted_.contact_share, interval_basis=self.fitted_.widths.basis)

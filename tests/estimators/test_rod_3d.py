@@ -1,0 +1,192 @@
+"""Method `rod-3d`: the force in space from lines of one view or two."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tipforce.errors import InputError
+from tipforce.estimators import create
+from tipforce.estimators.space import Rod3d, SpaceSettings
+from tipforce.estimators.space._cameras import Reference, ViewLine, turns
+from tipforce.estimators.space._constants import SHAPE, Constants
+from tipforce.estimators.space._filter import SpaceFilter, SpaceResult, ViewShape, rod_of
+from tipforce.estimators.space._posterior import linearise
+from tipforce.estimators.space._widths import SpaceWidths
+from tipforce.mechanics import SpatialRod, solve_static_spatial
+from tipforce.types import (
+    ActuationInfo,
+    Catheter,
+    CentrelinePx,
+    DetectedShape,
+    FloatArray,
+    Observation,
+    SessionInfo,
+    Status,
+    ViewInfo,
+)
+
+GAIN, KNOB_DEG, SIZE = 0.533, 20.0, (512, 512)
+FORCE_N = np.array([-0.12, 0.06, 0.10])
+
+
+def camera(degrees: float) -> ViewInfo:
+    """A view that looks along z, turned about x; the base is at the image's left border, the origin in its middle."""
+    cos, sin = float(np.cos(np.radians(degrees))), float(np.sin(np.radians(degrees)))
+    right, up, back = np.eye(3)[0], np.array([0.0, cos, sin]), np.array([0.0, -sin, cos])
+    focal, distance, middle = 2900.0, 0.72, 255.5
+    depth = np.append(-back, distance)
+    rows = [np.append(focal * right, 0.0) + middle * depth, np.append(-focal * up, 0.0) + middle * depth, depth]
+    u, v, w = (tuple(map(float, row)) for row in rows)
+    return ViewInfo(0.25e-3, "left", projection=(u, v, w), projection_frame="isocentre")  # type: ignore[arg-type]
+
+
+INFO = SessionInfo(
+    "s",
+    Catheter("c", 2.33e-3, 45e-3, 8e-3, 5e-4, bending_stiffness_uncertainty=0.02, flexible_length_uncertainty=0.01),
+    {"a": camera(0.0), "b": camera(85.0)},
+    actuation=ActuationInfo(GAIN, knob_play_deg=0.5),
+)
+
+
+def nodes_m(force_n: FloatArray) -> FloatArray:
+    """The true curve in the frame of the projections; the base is 60 mm left of the origin."""
+    bend = np.array([0.0, 1.5, GAIN * KNOB_DEG])
+    rod = SpatialRod(45e-3, 5e-4, 8e-3, precurvature_per_m=bend, stiffening_curvature_per_m=45.0, segments=48)
+    shape = solve_static_spatial(rod, force_n)
+    return shape.centreline_m(np.linspace(0.0, rod.length_m, 64)) - [60e-3, 0.0, 0.0]
+
+
+def seen(force_n: FloatArray, rng: np.random.Generator, views: tuple[str, ...] = ("a", "b")) -> dict[str, ViewShape]:
+    found: dict[str, ViewShape] = {}
+    for view in views:
+        u, v, w = np.array(INFO.view(view).projection) @ np.column_stack([nodes_m(force_n), np.ones(64)]).T
+        points = np.column_stack([u / w, v / w]) + rng.normal(0.0, 0.02, (64, 2))
+        found[view] = ViewShape(DetectedShape(Status.VALID, centreline=CentrelinePx(points)), SIZE)
+    return found
+
+
+def session(views: tuple[str, ...], forces_n: list[FloatArray], shown: list[tuple[str, ...]]) -> list[SpaceResult]:
+    rng = np.random.default_rng(3)
+    model = SpaceFilter(SpaceSettings(views=views), 0.5, INFO)
+    return [
+        model.step(seen(force, rng, each), KNOB_DEG, 0.07 if k else 0.0, 0.0)
+        for k, (force, each) in enumerate(zip(forces_n, shown, strict=True))
+    ]
+
+
+def width_n(result: SpaceResult) -> FloatArray:
+    return result.force.high_n - result.force.low_n
+
+
+def test_two_views_give_the_force_in_space() -> None:
+    free = np.zeros(3)
+    *_, before, contact = session(("a", "b"), [free] * 4 + [FORCE_N], [("a", "b")] * 5)
+    assert before.force.contact < 0.1
+    assert np.linalg.norm(before.force.force_n) < 5e-3
+    assert contact.explained
+    assert contact.force.contact > 0.99
+    true = np.append(FORCE_N, np.linalg.norm(FORCE_N))
+    assert np.abs(contact.force.force_n - FORCE_N)[1:].max() < 0.015
+    assert ((contact.force.low_n <= true) & (true <= contact.force.high_n)).all()
+    assert contact.force.modes == 1
+
+
+def test_a_view_that_drops_out_widens_the_interval() -> None:
+    both, one = session(("a", "b"), [np.zeros(3)] * 4 + [FORCE_N] * 2, [("a", "b")] * 5 + [("a",)])[-2:]
+    assert one.explained
+    assert width_n(one)[2] > 3.0 * width_n(both)[2]
+    assert one.force.low_n[2] <= FORCE_N[2] <= one.force.high_n[2]
+
+
+def test_one_view_keeps_both_mirror_images_of_the_depth() -> None:
+    force_n = 2.0 * FORCE_N
+    *_, contact = session(("a",), [np.zeros(3)] * 4 + [force_n], [("a",)] * 5)
+    assert contact.explained
+    assert contact.force.modes == 2
+    assert contact.force.low_n[2] < -0.05
+    assert contact.force.high_n[2] > force_n[2]
+    assert contact.force.low_n[1] <= force_n[1] <= contact.force.high_n[1] + 0.01
+
+
+def test_derivatives_of_the_residuals_are_those_of_differences() -> None:
+    model = SpaceFilter(SpaceSettings(views=("a", "b")), 0.5, INFO)
+    shapes = seen(FORCE_N, np.random.default_rng(0))
+    model.step(shapes, KNOB_DEG, 0.0, 0.0)
+    lines = {view: ViewLine.of(each.shape.centreline) for view, each in shapes.items() if each.shape.centreline}
+    cameras = {view: np.array(INFO.view(view).projection) for view in lines}
+    problem = model._problem(shapes, lines, cameras, 0.0)
+    here = problem.mean.copy()
+    here[:3] = FORCE_N
+    steps = np.full(here.size, 1e-4)
+    steps[SHAPE - 1], steps[SHAPE : SHAPE + 3] = 1e-7, 1e-7
+    quaternions = model._shapes.unloaded(1)
+    linear = linearise(problem, here[None], quaternions.copy())
+    for k in range(here.size):
+        around = here + np.outer([1.0, -1.0], np.eye(here.size)[k] * steps[k])
+        cost = linearise(problem, around, np.tile(quaternions, (2, 1, 1))).cost
+        assert linear.side[0, k] == pytest.approx((cost[1] - cost[0]) / (2.0 * steps[k]), rel=2e-2, abs=0.05), k
+
+
+def test_the_turn_of_the_base_has_exact_derivatives() -> None:
+    angles = np.array([[0.1, -0.2, 0.3]])
+    whole, slopes = turns(angles)
+    assert np.allclose(whole[0] @ whole[0].T, np.eye(3))
+    for axis in range(3):
+        ahead, behind = (turns(angles + sign * 1e-6 * np.eye(3)[axis])[0] for sign in (1.0, -1.0))
+        assert np.allclose(slopes[0, axis], (ahead - behind)[0] / 2e-6, atol=1e-8)
+
+
+def test_the_base_is_found_from_the_first_lines() -> None:
+    shapes = seen(np.zeros(3), np.random.default_rng(0))
+    lines = [ViewLine.of(each.shape.centreline) for each in shapes.values() if each.shape.centreline]
+    cameras = [np.array(INFO.view(view).projection) for view in shapes]
+    found = Reference.of(cameras, lines, 53e-3, np.array([0.0, 0.0, 1.0]))
+    assert np.abs(found.origin_m - [-60e-3, 0.0, 0.0]).max() < 1.5e-3
+    assert np.degrees(np.arccos(np.clip(np.diag(found.axes), -1.0, 1.0))).max() < 3.0
+
+
+def test_an_uncertain_knob_and_tilt_are_in_the_prior() -> None:
+    known = Constants(SpaceSettings(views=("a", "b")), INFO, ("a", "b"), KNOB_DEG, several=True)
+    unknown = Constants(SpaceSettings(views=("a", "b")), INFO, ("a", "b"), float("nan"), several=True)
+    assert np.sqrt(np.diag(known.covariance))[4] < 0.5 < 5.0 < np.sqrt(np.diag(unknown.covariance))[4]
+    assert rod_of(INFO, 16).rod.length_m == pytest.approx(53e-3)
+
+
+def test_it_reads_the_first_two_views_unless_others_are_stated() -> None:
+    method = create("rod-3d")
+    assert method.for_views(("camera",)) is method
+    assert method.for_views(("a", "b", "c")).views == ("a", "b")
+    assert method.for_views(("b",)).views == ("b",)
+    stated = create("rod-3d", {"views": ["a", "c"]})
+    assert stated.for_views(("a", "b", "c")).views == ("a", "c")
+    with pytest.raises(InputError, match="there is no view 'c'; there are a and b, and rod-3d reads the views a and c"):
+        stated.for_views(("a", "b"))
+
+
+def test_missing_metadata_are_named() -> None:
+    method = create("rod-3d").for_views(("a", "b"))
+    without = INFO.only(key for key in INFO.stated_keys() if key != "views.b.projection")
+    assert "views.b.projection is not stated" in method.obstacle(without)
+    estimate = method.start(without).update(Observation(0, {}, {}))
+    assert estimate.status is Status.MISSING_INPUT
+    assert "views.b.projection" in estimate.detail
+    frames = SessionInfo.from_values({"views": {"b": {"projection_frame": "base"}}})
+    assert "views.b.projection_frame is base" in method.obstacle(INFO.updated(frames))
+    assert method.obstacle(INFO) == ""
+
+
+def test_an_instant_without_images_is_refused() -> None:
+    stream = create("rod-3d").for_views(("a", "b")).start(INFO)
+    estimate = stream.update(Observation(0, {}, {"knob_deg": KNOB_DEG}))
+    assert estimate.status is Status.MISSING_INPUT
+    assert "no image of this instant" in estimate.detail
+
+
+def test_a_saved_method_keeps_its_intervals_and_its_share_of_contact() -> None:
+    method = Rod3d()
+    method.fitted_ = replace(method.fitted_, contact_share=0.3, widths=SpaceWidths((1.1, 1.2, 1.3, 1.4), "8 sessions"))
+    again = Rod3d.from_state({}, *method.state())
+    assert again.fitted_ == method.fitted_
+    assert again.unfitted().fitted_ == Rod3d().fitted_
+    assert again.describe().interval_basis == "8 sessions"
