@@ -236,8 +236,8 @@ class SpatialShapes:
 
         Returns:
             Nodes (count, segments + 2, 3) in m: clamp, ends of the segments, tip; their derivatives (count,
-            segments + 2, 3, 9) by the parameters; and whether each shape is a stable equilibrium. Where a shape is not, the
-            derivatives are zero.
+            segments + 2, 3, 9) by the parameters; and whether each shape is a stable equilibrium. The derivatives of
+            others are zero.
         """
         count, nodes = len(parameters), self.rod.segments + 2
         points, slopes = np.zeros((count, nodes, 3)), np.zeros((count, nodes, 3, _COUNT))
