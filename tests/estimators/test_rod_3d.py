@@ -9,7 +9,7 @@ from tipforce.errors import InputError
 from tipforce.estimators import create
 from tipforce.estimators.space import Rod3d, SpaceSettings
 from tipforce.estimators.space._cameras import Reference, ViewLine, turns
-from tipforce.estimators.space._constants import SHAPE, Constants
+from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, SHAPE, Constants
 from tipforce.estimators.space._filter import SpaceFilter, SpaceResult, ViewShape, rod_of
 from tipforce.estimators.space._posterior import linearise
 from tipforce.estimators.space._widths import SpaceWidths
@@ -190,3 +190,20 @@ def test_a_saved_method_keeps_its_intervals_and_its_share_of_contact() -> None:
     assert again.fitted_ == method.fitted_
     assert again.unfitted().fitted_ == Rod3d().fitted_
     assert again.describe().interval_basis == "8 sessions"
+
+
+def test_one_view_does_not_teach_the_depth() -> None:
+    constants = Constants(SpaceSettings(), INFO, ("a",), KNOB_DEG, several=False)
+    before, mean = constants.covariance.copy(), constants.mean.copy()
+    mean[list(DEPTH)] += 1.0
+    mean[BEND_Z] += 0.5
+    taught = 0.25 * before
+    taught[BEND_Z, BEND_Y] = taught[BEND_Y, BEND_Z] = 0.02 * taught[BEND_Y, BEND_Y]
+    constants.learn(mean, taught, held=DEPTH)
+    own = np.ix_(DEPTH, DEPTH)
+    assert np.allclose(constants.mean[list(DEPTH)], 0.0)
+    assert np.allclose(constants.covariance[own], before[own])
+    # the bend in the plane follows the bend out of it, which was 1 higher, by 0.02
+    assert constants.mean[BEND_Z] == pytest.approx(0.5 - 0.02)
+    assert constants.covariance[BEND_Z, BEND_Y] == pytest.approx(0.02 * before[BEND_Y, BEND_Y])
+    assert np.linalg.eigvalsh(constants.covariance[3:, 3:]).min() > 0.0

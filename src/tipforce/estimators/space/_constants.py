@@ -20,6 +20,8 @@ VIEW_ERRORS = 6
 """Errors of a view's projection: shift along u and v, scale, turn, stretch and shear."""
 PER_VIEW = VIEW_ERRORS + MODES
 """Unknowns of a view: errors of its projection, and lasting errors of its line."""
+DEPTH = (BEND_Y, POSITION + 2, TURN, TURN + 1)
+"""Unknowns in the depth of the first view, which that view alone shows up to their sign."""
 _PLAY_LEFT_OUT = 0.02
 """The end of the play is known to this share of the angle by which the knob turns."""
 
@@ -102,6 +104,30 @@ class Constants:
         self.mean *= keeps
         self.covariance *= np.outer(keeps, keeps)
         self.covariance[np.diag_indices(len(keeps))] += variance + 1.0 - keeps**2
+
+    def learn(self, mean: FloatArray, covariance: FloatArray, held: Sequence[int]) -> None:
+        """Takes the posterior of an instant for the Gaussian from now on.
+
+        Args:
+            mean: (unknowns,) its mean.
+            covariance: (unknowns, unknowns) its covariance.
+            held: unknowns whose Gaussian stays as it was; the others follow them as in the posterior.
+        """
+        mean, covariance, kept = mean.copy(), covariance.copy(), list(held)
+        rest = [k for k in range(FORCE, len(mean)) if k not in kept]
+        if kept:
+            own, across = np.ix_(kept, kept), np.ix_(rest, kept)
+            follow = np.linalg.solve(covariance[own], covariance[across].T).T
+            within = covariance[np.ix_(rest, rest)] - follow @ covariance[across].T
+            mean[rest] += follow @ (self.mean[kept] - mean[kept])
+            mean[kept] = self.mean[kept]
+            covariance[own] = self.covariance[own]
+            covariance[across] = follow @ covariance[own]
+            covariance[np.ix_(kept, rest)] = covariance[across].T
+            covariance[np.ix_(rest, rest)] = within + follow @ covariance[own] @ follow.T
+        mean[:FORCE] = 0.0
+        covariance[:FORCE] = covariance[:, :FORCE] = 0.0
+        self.mean, self.covariance = mean, covariance
 
 
 def _view_stds(settings: SpaceSettings, info: SessionInfo, view: str) -> FloatArray:

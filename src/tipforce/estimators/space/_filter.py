@@ -16,7 +16,7 @@ from ...mechanics.spatial import SpatialRod, SpatialShapes
 from ...types import DetectedShape, FloatArray, SessionInfo
 from ..rod import MODES, LineError, NoiseLevel, StatedErrors
 from ._cameras import Reference, ViewLine, camera_of, scale_at, toward_viewer
-from ._constants import FORCE, Constants, error_slopes
+from ._constants import DEPTH, FORCE, Constants, error_slopes
 from ._mixture import SpaceForce, mixed_constants, mixed_force
 from ._posterior import Fit, Measurement, Nodes, Problem, fit, lay_grid
 from ._settings import SpaceSettings
@@ -34,7 +34,7 @@ _PIXELS = 240.0
 _USUAL_MISFIT_RATIO = 1.0 / 3.0
 """Usual misfit of `rod` over that of this model, both where the noise is as stated: true lines of simulated `biplane`
 sessions with twice the stated noise have 0.5 at a level of 2.5."""
-_APART = 2.0
+_APART = 1.0
 """Two mirror images of the force are separate modes where they are further apart, in standard deviations."""
 
 
@@ -157,10 +157,12 @@ class SpaceFilter:
             self._lost_s = math.inf
         contact = force.contact > 0.5
         clear = abs(force.contact - float(contact)) < _UNCLEAR and (contact or free.ok)
-        if explained and clear and self._waited_s >= self._settings.update_s:
-            self.constants.mean, self.constants.covariance = mixed_constants(grids, shares, free, contact=contact)
-            self.constants.mean[:FORCE] = 0.0
-            self.constants.covariance[:FORCE] = self.constants.covariance[:, :FORCE] = 0.0
+        teaches = len(lines) > 1 or self._settings.views[0] in lines
+        if explained and clear and teaches and self._waited_s >= self._settings.update_s:
+            # one view alone would teach the depth in one of its two mirror images
+            self.constants.learn(
+                *mixed_constants(grids, shares, free, contact=contact), held=() if len(lines) > 1 else DEPTH
+            )
             self._waited_s = 0.0
         return SpaceResult(force, misfit, explained, level)
 

@@ -27,7 +27,7 @@ _NODE_GAP, _MOST_GAP = 0.1, 1.0
 """The same of a node: where all nodes are fitted, and beyond which one is left out."""
 _NODE_STD = 0.8
 """Distance of the nodes over the standard deviation at the best fit, within the limits that follow."""
-_SHORTEST_N, _LONGEST_N = 2e-3, 0.04
+_SHORTEST_N, _LONGEST_N = 2e-3, (0.04, 0.06)
 _LONG, _SHORT = 9, 5
 """Nodes to either side along the direction that is shown least, and along the second one."""
 _DEPTH = 12.0
@@ -302,7 +302,7 @@ def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
     values, basis = np.linalg.eigh(0.5 * (spread + spread.T))
     std = np.sqrt(np.maximum(values, 1e-12))
     held = 2 if std[1] > _LITTLE_N else 1
-    step = np.clip(_NODE_STD * std[::-1][:held], _SHORTEST_N, _LONGEST_N)
+    step = np.clip(_NODE_STD * std[::-1][:held], _SHORTEST_N, _LONGEST_N[:held])
     counts = (_LONG,) if held == 1 else (_LONG, _SHORT)
     grid = np.stack(np.meshgrid(*[np.arange(-n, n + 1) for n in counts], indexing="ij"), axis=-1).reshape(-1, held)
     grid = grid[np.argsort(np.abs(grid).sum(axis=1), kind="stable")]
