@@ -3,8 +3,10 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from scipy.interpolate import splprep
 
 from tipforce.annotation import AnnotationImages, AnnotationStore, MarkedFrame, import_marks, read_marks, write_marks
 from tipforce.errors import InputError
@@ -194,3 +196,99 @@ def test_of_the_predictions_for_a_whole_video_evenly_spread_frames_are_taken(
     rows = "".join(f",{k},,10,{20 + k},,,,,80,60,\n" for k in range(14))
     (tmp_path / "s.csv").write_text(SLEAP.partition("\n")[0] + "\n" + rows)
     assert list(taken(tmp_path / "s.csv", folder)) == ["img000.png", "img006.png", "img013.png"]
+
+
+@pytest.fixture
+def biplane_images(tmp_path: Path) -> Path:
+    for view in ("1-bca-1", "1-bca-2"):
+        (tmp_path / view).mkdir()
+        for k in range(2):
+            grey = np.random.default_rng(k).integers(0, 255, (64, 64), np.uint8)
+            cv2.imwrite(str(tmp_path / view / f"{k:03d}.png"), cv2.resize(grey, (1024, 1024)))
+    return tmp_path
+
+
+def guide3d(spline: bool) -> list[dict]:
+    """Lines of two frames and both cameras, as Guide3D documents them; the second begins at the tip."""
+    lines = {"cameraA": [[3, 590], [200, 592], [400, 560], [520, 300]], "cameraB": [[0, 790], [300, 680], [600, 320]]}
+    frames = []
+    for number in range(2):
+        frame: dict = {"frame_number": number}
+        for view, (camera, line) in enumerate(lines.items(), 1):
+            points = np.array(line[::-1] if number else line, float)
+            frame[camera] = {"image": f"1-bca-{view}/{number:03d}.png"}
+            if spline:
+                (t, c, k), u = splprep(points.T, k=min(3, len(points) - 1), s=0)
+                frame[camera] |= {"tck": {"t": t.tolist(), "c": np.array(c).T.tolist(), "k": k}, "u": u.tolist()}
+            else:
+                frame[camera]["points"] = points.tolist()
+        frames.append(frame)
+    return [{"task": "1-bca", "frame_count": 2, "frames": frames}]
+
+
+@pytest.mark.parametrize("spline", [False, True])
+def test_guide3d_gives_the_lines_of_the_view_whose_folder_is_stated(spline: bool, biplane_images: Path) -> None:
+    (biplane_images / "raw.json").write_text(json.dumps(guide3d(spline)))
+    for view, base, tip in (("1-bca-1", [3, 590], [520, 300]), ("1-bca-2", [0, 790], [600, 320])):
+        found = taken(biplane_images / "raw.json", biplane_images / view)
+        assert sorted(found) == ["000.png", "001.png"]
+        for line in found.values():
+            np.testing.assert_allclose(line[0], base, atol=1e-6)
+            np.testing.assert_allclose(line[-1], tip, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda camera: camera.pop("image"), "task 0, frame 1, cameraB: there is no image"),
+        (lambda camera: camera.update(image="1-bca-1/000.png"), "1-bca-1/000.png is annotated twice"),
+        (lambda camera: camera.pop("points"), "expected points, or a spline tck with t, c and k"),
+        (lambda camera: camera.update(points=[[1, 2], [3, "x"]]), "points: expected a list of pairs of numbers"),
+        (lambda camera: camera.update(points=[[1, 2], [3, float("nan")]]), "holds a value that is no number"),
+    ],
+)
+def test_a_guide3d_file_of_another_form_is_refused(change, message: str, tmp_path: Path) -> None:
+    values = guide3d(spline=False)
+    change(values[0]["frames"][1]["cameraB"])
+    (tmp_path / "raw.json").write_text(json.dumps(values))
+    with pytest.raises(InputError, match=message):
+        read_marks(tmp_path / "raw.json")
+
+
+def drawn_mask(width: int = 9) -> tuple[np.ndarray, np.ndarray]:
+    """A mask (240, 320) of a curved catheter, with the line that it is drawn along."""
+    x = np.linspace(0, 220, 60)
+    line = np.column_stack([x, 200 - 0.0026 * x**2])
+    mask = np.zeros((240, 320), np.uint8)
+    cv2.polylines(mask, [np.round(line).astype(np.int32)], False, 2, width)
+    return mask, line
+
+
+def test_masks_give_the_line_along_their_middle(folder: Path, tmp_path: Path) -> None:
+    mask, line = drawn_mask()
+    labels = tmp_path / "labels"
+    labels.mkdir()
+    cv2.imwrite(str(labels / "img000.png"), mask)
+    cv2.imwrite(str(labels / "img002.png"), np.zeros_like(mask))
+    report = import_marks(labels, AnnotationImages(folder), store := AnnotationStore(folder))
+    assert report.remarks == ("1 images are left out, the mask is empty (img002)",)
+    found = store.frames["img000.png"].points_px
+    away = np.linalg.norm(found[:, None] - line[None], axis=2).min(axis=1)
+    assert np.median(away[1:-1]) < 2.0  # half the distance of the line's points
+    assert np.linalg.norm(found[0] - line[0]) < 5
+    assert np.linalg.norm(found[-1] - line[-1]) < 5
+
+
+def test_a_numbered_mask_belongs_to_the_image_of_its_number(tmp_path: Path) -> None:
+    mask, _ = drawn_mask()
+    for name, pixels in (("labels/mask2.png", mask), ("images/image1.jpg", mask), ("images/image2.jpg", mask)):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(tmp_path / name), pixels)
+    assert list(taken(tmp_path / "labels", tmp_path / "images")) == ["image2.jpg"]
+
+
+def test_a_mask_of_several_parts_is_left_out(tmp_path: Path) -> None:
+    mask, _ = drawn_mask()
+    mask[:, 90:130] = 0
+    cv2.imwrite(str(tmp_path / "a.png"), mask)
+    assert read_marks(tmp_path).left_out == {"a": "the mask is in several parts"}

@@ -114,13 +114,16 @@ class AnnotationImages:
     def resolve(self, name: str) -> str | None:
         """Returns the name of the image that another program calls ``name``; None if there is no such image.
 
-        Another program may state the path of a file, the number of a frame, or DeepLabCut's ``img0012.png``.
+        Another program may state the path of a file, its name without the ending, the number of a frame, or
+        DeepLabCut's ``img0012.png``.
         """
         path = PurePosixPath(name.replace("\\", "/"))
         for start in range(len(path.parts)):
             if (ending := "/".join(path.parts[start:])) in self._index:
                 return ending
-        same = [each for each in self._index if each.rpartition("/")[2] == path.name and is_image(Path(each))]
+        ends = [each for each in self._index if is_image(Path(each))]
+        same = [each for each in ends if each.rpartition("/")[2] == path.name]
+        same = same or [each for each in ends if Path(each).stem == name]
         if len(same) == 1:
             return same[0]
         extracted = _EXTRACTED.match(path.stem)

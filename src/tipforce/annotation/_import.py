@@ -1,7 +1,7 @@
 """Takes annotations of a file into the store: finds the image of each, and checks that the points are in it."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -49,7 +49,12 @@ def import_marks(file: Path, images: AnnotationImages, store: AnnotationStore) -
     remarks = _grouped(marks.left_out)
     found: dict[str, MarkedFrame] = {}
     missing: list[str] = []
+    # both views of a biplane set may have the same names of files: then the folder of the images decides
+    folders = {PurePosixPath(frame.image).parent.name for frame in marks.frames}
+    own = images.path.name if images.path.name in folders else None
     for frame in marks.frames:
+        if own is not None and PurePosixPath(frame.image).parent.name not in ("", own):
+            continue
         name = images.resolve(frame.image)
         if name is None:
             missing.append(frame.image)

@@ -22,7 +22,9 @@ def command(
     source: Annotated[
         Path | None,
         typer.Option(
-            "--from", metavar="FILE", help="Take annotations of this file: image,u,v; COCO; SLEAP; DeepLabCut. No page."
+            "--from",
+            metavar="FILE|FOLDER",
+            help="Take annotations of a file (image,u,v; COCO; SLEAP; DeepLabCut; Guide3D) or of masks. No page.",
         ),
     ] = None,
     export: Annotated[

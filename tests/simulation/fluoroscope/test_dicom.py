@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from tipforce.errors import InputError, MissingExtraError
-from tipforce.simulation.rendering.fluoroscope import BIPLANE, RESEARCH_NOTE, XrayScene, sample_xray_scene, write_dicom
+from tipforce.simulation.rendering.fluoroscope import (
+    BIPLANE,
+    FLUORO_VARIED,
+    RESEARCH_NOTE,
+    XrayScene,
+    sample_xray_scene,
+    write_dicom,
+)
 
 pydicom = pytest.importorskip("pydicom")
 
@@ -50,6 +57,16 @@ def test_every_attribute_that_the_modules_demand_is_there(tmp_path, scene: XrayS
         HighBit PixelRepresentation NumberOfFrames FrameIncrementPointer SOPClassUID SOPInstanceUID
     """
     assert [name for name in demanded.split() if name not in data] == []
+
+
+def test_text_in_the_image_is_stated(tmp_path) -> None:
+    scenes = [sample_xray_scene(FLUORO_VARIED, np.random.default_rng(seed)) for seed in range(8)]
+    stated = []
+    for number, varied in enumerate(scenes):
+        write_dicom(tmp_path / f"{number}.dcm", [np.zeros((16, 16), np.uint8)], [0], varied)
+        stated.append(str(pydicom.dcmread(tmp_path / f"{number}.dcm").BurnedInAnnotation))
+    assert stated == ["YES" if any(each.variety.processing.text) else "NO" for each in scenes]
+    assert set(stated) == {"YES", "NO"}
 
 
 def test_planes_of_a_scene_share_a_study_and_are_two_images(tmp_path, scene: XrayScene) -> None:

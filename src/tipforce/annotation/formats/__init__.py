@@ -1,4 +1,4 @@
-"""Files of annotations: our table, COCO keypoints, SLEAP's analysis CSV and DeepLabCut's CSV."""
+"""Files of annotations: our table, COCO keypoints, SLEAP's analysis CSV, DeepLabCut's CSV, Guide3D, and masks."""
 
 from ._read import read_marks
 from ._write import check_marks_file, write_marks

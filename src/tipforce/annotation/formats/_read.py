@@ -6,6 +6,8 @@ from ..._system.json_files import read_json
 from ...errors import FileFormatError, TableError
 from ._cells import MAX_TABLE_BYTES, read_rows
 from ._coco import read_coco
+from ._guide3d import read_guide3d
+from ._masks import read_masks
 from ._tables import OUR_COLUMNS, Marks, read_deeplabcut, read_our_table, read_sleap
 
 _OTHERS = {
@@ -22,7 +24,7 @@ def read_marks(path: Path) -> Marks:
     """Reads the annotations in a file.
 
     Args:
-        path: a CSV of ours, of SLEAP or of DeepLabCut, or a JSON with COCO keypoints.
+        path: a CSV of ours, of SLEAP or of DeepLabCut, a JSON with COCO keypoints or of Guide3D, or a folder of masks.
 
     Returns:
         The frames, with the names that the file gives to its images.
@@ -31,11 +33,14 @@ def read_marks(path: Path) -> Marks:
         FileFormatError: the file has another format.
         TableError: a cell cannot be used; the message names file and line.
     """
+    if path.is_dir():
+        return read_masks(path)
     suffix = path.suffix.lower()
     if suffix in _OTHERS:
         raise FileFormatError(f"{path}: is not read; {_OTHERS[suffix]}")
     if suffix == ".json":
-        return read_coco(path, read_json(path, max_bytes=MAX_TABLE_BYTES))
+        values = read_json(path, max_bytes=MAX_TABLE_BYTES)
+        return read_guide3d(path, values) if isinstance(values, list) and values else read_coco(path, values)
     rows = read_rows(path)
     header = rows[0][1]
     if header[0].lower() == "scorer":

@@ -54,7 +54,8 @@ def write_dicom(
     data = _identity(pydicom, scene, view, stamps)
     _add_geometry(data, scene, view, frames[0].shape[1])
     _add_acquisition(data, scene, view)
-    _add_pixels(pydicom, data, frames, stamps, scene.views[view].detector.curve, bits)
+    burned_in = scene.variety is not None and any(scene.variety.processing.text)
+    _add_pixels(pydicom, data, frames, stamps, (scene.views[view].detector.curve, burned_in), bits)
     data.save_as(str(path), enforce_file_format=True)
 
 
@@ -121,8 +122,11 @@ def _add_acquisition(data: Any, scene: XrayScene, view: int) -> None:
     data.RecommendedDisplayFrameRate = round(beam.rate_hz)
 
 
-def _add_pixels(pydicom: Any, data: Any, frames: Images, stamps: npt.NDArray[np.int64], curve: str, bits: int) -> None:
-    """Adds the multi-frame, cine and image pixel modules."""
+def _add_pixels(
+    pydicom: Any, data: Any, frames: Images, stamps: npt.NDArray[np.int64], shown: tuple[str, bool], bits: int
+) -> None:
+    """Adds the multi-frame, cine and image pixel modules; ``shown``: curve of the display, and whether it adds text."""
+    curve, burned_in = shown
     data.NumberOfFrames = len(frames)
     data.FrameIncrementPointer = pydicom.tag.Tag("FrameTimeVector")
     # The first increment is 0 by definition, and the time before the first frame is the delay; all in milliseconds.
@@ -135,6 +139,6 @@ def _add_pixels(pydicom: Any, data: Any, frames: Images, stamps: npt.NDArray[np.
     data.PixelIntensityRelationship = "LOG" if curve == "log" else "LIN"
     data.PixelIntensityRelationshipSign = 1
     data.WindowCenter, data.WindowWidth = str(1 << (bits - 1)), str(1 << bits)
-    data.BurnedInAnnotation, data.LossyImageCompression = "NO", "00"
+    data.BurnedInAnnotation, data.LossyImageCompression = "YES" if burned_in else "NO", "00"
     pixels = np.stack(list(frames)).tobytes()
     data.add_new("PixelData", "OB" if bits == 8 else "OW", pixels + b"\0" * (len(pixels) % 2))

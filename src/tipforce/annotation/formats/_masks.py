@@ -1,0 +1,110 @@
+"""A folder of masks, as of CathAction: one image a frame, in which all pixels but those of the instrument are 0."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from ...errors import FileFormatError
+from ...io import is_image, read_image
+from ...types import BoolArray, FloatArray
+from .._store import MarkedFrame
+from ._tables import Marks
+
+LINE_POINTS = 24
+"""Points at which a line is read."""
+MIN_SHARE = 0.8
+"""The largest part of a mask holds at least this share of its pixels; else it is no single line."""
+MIN_LENGTH_PX = 20.0
+"""A shorter part of the instrument is not used."""
+
+
+def read_masks(folder: Path) -> Marks:
+    """Reads the line along the middle of each mask of a folder.
+
+    A mask belongs to the image with the same name before the ending; ``mask12.png`` also to ``image12.jpg``. The line
+    begins at the end that is nearer to the border of the image. Its ends are known to about half the width of the mask.
+
+    Args:
+        folder: folder of the masks.
+
+    Returns:
+        The frames; images are named without their ending.
+
+    Raises:
+        FileFormatError: there is no image in the folder.
+    """
+    files = sorted(each for each in folder.iterdir() if is_image(each))
+    if not files:
+        raise FileFormatError(f"{folder}: holds no masks; expected one image a frame (.png), 0 outside of the catheter")
+    marks = Marks([])
+    for file in files:
+        name = "image" + file.stem.removeprefix("mask") if file.stem.startswith("mask") else file.stem
+        pixels = read_image(file)
+        mask = np.asarray(pixels > 0 if pixels.ndim == 2 else (pixels > 0).any(axis=2), np.bool_)
+        line, reason = mask_line(mask)
+        if line is None:
+            marks.left_out[name] = reason
+        else:
+            marks.frames.append(MarkedFrame(name, line, done=True))
+            marks.sizes_px[name] = (mask.shape[1], mask.shape[0])
+    return marks
+
+
+def mask_line(mask: BoolArray) -> tuple[FloatArray | None, str]:
+    """Returns the line along the middle of a mask.
+
+    Args:
+        mask: (h, w) pixels of the instrument.
+
+    Returns:
+        (`LINE_POINTS`, 2) points u, v, and ""; or None and the reason why there is no line.
+    """
+    count, labels, sizes, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    if count < 2:
+        return None, "the mask is empty"
+    areas = sizes[1:, cv2.CC_STAT_AREA]
+    if areas.max() < MIN_SHARE * areas.sum():
+        return None, "the mask is in several parts"
+    part = np.asarray(labels == 1 + int(areas.argmax()), np.bool_)
+    depth = np.asarray(ndimage.distance_transform_edt(np.pad(part, 1)), np.float64)[1:-1, 1:-1]
+    rows, columns = np.nonzero(part)
+    plain, centred = (_graph(part, cost) for cost in (np.ones_like(depth), np.maximum(depth, 0.5) ** -3))
+    start = int(np.argmax(dijkstra(plain, indices=0)))
+    end = int(np.argmax(dijkstra(plain, indices=start)))
+    _, before = dijkstra(centred, indices=start, return_predecessors=True)
+    way = [end]
+    while way[-1] != start:
+        way.append(int(before[way[-1]]))
+    points = np.column_stack([columns[way], rows[way]]).astype(np.float64)
+    wide = max(3, 2 * round(float(depth[rows[way], columns[way]].max())) + 1)
+    smooth = ndimage.uniform_filter1d(points, wide, axis=0, mode="nearest")
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(smooth, axis=0), axis=1))])
+    if arc[-1] < MIN_LENGTH_PX:
+        return None, f"the instrument is shorter than {MIN_LENGTH_PX:g} px"
+    even = np.linspace(0.0, arc[-1], LINE_POINTS)
+    line = np.column_stack([np.interp(even, arc, smooth[:, k]) for k in (0, 1)])
+    size = np.array(mask.shape[::-1]) - 1.0
+    first, last = (float(np.minimum(point, size - point).min()) for point in (line[0], line[-1]))
+    return (line[::-1].copy() if last < first else line), ""
+
+
+def _graph(part: BoolArray, cost: FloatArray) -> csr_array:
+    """Returns the graph of a mask's pixels, in the order of `numpy.nonzero`; a step costs its length times ``cost``."""
+    numbers = np.full(part.shape, -1)
+    numbers[part] = np.arange(int(part.sum()))
+    height, width = part.shape
+    rows: list[FloatArray] = []
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
+        there = (slice(down, height), slice(max(0, right), width + min(0, right)))
+        both = part[here] & part[there]
+        step = float(np.hypot(down, right)) * 0.5 * (cost[here] + cost[there])
+        rows.append(np.stack([numbers[here][both], numbers[there][both], step[both]]))
+    i, j, lengths = np.concatenate(rows, axis=1)
+    pairs = np.concatenate([i, j]).astype(int), np.concatenate([j, i]).astype(int)
+    total = int(part.sum())
+    return csr_array((np.concatenate([lengths, lengths]), pairs), shape=(total, total))
