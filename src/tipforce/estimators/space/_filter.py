@@ -25,8 +25,6 @@ _LEAST_SHARE = 1e-6
 """No hypothesis is ever given up."""
 _UNCLEAR = 0.1
 """An instant teaches the constants if the probability of contact is within this of 0 or 1."""
-_LEAST_CONTACT = 0.01
-"""Where contact is less probable, a fit of contact that fails does not count."""
 _GROWN = 1.5
 """The session starts again if the noise is found to be larger by this factor."""
 _PIXELS = 240.0
@@ -34,6 +32,8 @@ _PIXELS = 240.0
 _USUAL_MISFIT_RATIO = 1.0 / 3.0
 """Usual misfit of `rod` over that of this model, both where the noise is as stated: true lines of simulated `biplane`
 sessions with twice the stated noise have 0.5 at a level of 2.5."""
+_WORSE = 2.0
+"""A fit with a force whose cost is higher than without one by more than this is in a local minimum."""
 _APART = 1.0
 """Two mirror images of the force are separate modes where they are further apart, in standard deviations."""
 
@@ -145,8 +145,7 @@ class SpaceFilter:
         force, shares = mixed_force(grids, free, log_odds, largest)
         chi2 = min([free.chi2 if free.ok else math.inf, self._touch_chi2])
         misfit = chi2 / problem.rows
-        free_counts = free.ok and force.contact < _LEAST_CONTACT
-        explained = misfit <= self._settings.max_misfit and (bool(grids) or free_counts)
+        explained = misfit <= self._settings.max_misfit and force.modes > 0
         level = self._level.factor
         if explained:
             self._lost_s = 0.0
@@ -226,7 +225,7 @@ class SpaceFilter:
             self._last["free"] = free.q, free.quaternions
         start, shape = self._last.get("touch", (free.q, free.quaternions))
         touch = fit(problem, start, shape, contact=True)
-        if not touch.ok and free.ok:
+        if free.ok and not (touch.ok and touch.cost < free.cost + _WORSE):
             touch = fit(problem, free.q, free.quaternions, contact=True)
         self._touch_chi2 = touch.chi2 if touch.ok else math.inf
         if not touch.ok:

@@ -14,6 +14,8 @@ from ._posterior import Fit, Nodes
 _ROOTS = (-math.sqrt(3.0), 0.0, math.sqrt(3.0))
 _SHARES = (1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0)
 """Across the grid: Gauss-Hermite, exact for the first five moments."""
+_MODE_SHARE = 0.05
+"""A mirror image with a smaller share does not count as a mode."""
 _TAIL = 0.05
 """Share outside of the 90 % intervals, on either side."""
 _PROFILE = 0.5 * 1.6448536**2
@@ -33,7 +35,7 @@ class SpaceForce(NamedTuple):
         low_n: (4,) lower ends of the 90 % intervals of fx, fy, fz and the magnitude.
         high_n: (4,) upper ends.
         modes: number of separate forces that explain the lines: 2 where one view leaves the depth open up to its mirror
-            image.
+            image, 0 where no force that pushes at the tip does.
     """
 
     force_n: FloatArray
@@ -109,7 +111,7 @@ def mixed_force(
         _widen_by_profile(grids, free, largest_n, low, high)
     flat = [np.bincount(part.of_node, part.flat, len(nodes.q)) for part, nodes in zip(parts, grids, strict=True)]
     whole = sum(float(each.sum()) for each in flat)
-    modes = sum(float(part.weight.sum()) > 0.05 * total for part in parts) if total > 0.0 else 0
+    modes = sum(float(part.weight.sum()) > _MODE_SHARE * total for part in parts) if total > 0.0 else 0
     return SpaceForce(mean, spread, contact, low, high, modes), [each / max(whole, 1e-300) for each in flat]
 
 

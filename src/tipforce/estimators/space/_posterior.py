@@ -19,8 +19,12 @@ from ._projection import RATES, residuals
 
 _START_N = 0.3
 """Standard deviation of each component of the force in the fit from which the grid is laid out."""
+_PULL_N = 5e-3
+"""Standard deviation of a force that pulls at the tip, in that fit: tissue pushes."""
 _FIT_STEPS, _NODE_STEPS = 40, 4
 _MOST_DAMPING = 1e6
+_MOST_FINAL_DAMPING = 0.1
+"""With more damping than this a fit has not converged."""
 _SMALL_GAP = 0.01
 """Squared distance to the minimum, in standard deviations, at which a fit ends."""
 _NODE_GAP, _MOST_GAP = 0.1, 1.0
@@ -183,7 +187,7 @@ class Fit:
         quaternions: (elements, 4) its shape.
         cost: see `Linear`.
         chi2: see `Linear`.
-        matrix: (unknowns, unknowns) information, with unit rows for held unknowns.
+        matrix: (unknowns, unknowns) information without the limit on forces that pull; unit rows for held unknowns.
         tip_axis: (3,) axis of the tip.
         ok: whether it is a minimum.
     """
@@ -216,22 +220,30 @@ def fit(problem: Problem, start: FloatArray, quaternions: FloatArray, *, contact
         q[:FORCE] = 0.0
     info = np.full(FORCE, _START_N**-2 if contact else 0.0)
 
+    pulled = np.zeros((len(q), len(q)))
+
     def at(point: FloatArray, shape: FloatArray) -> tuple[float, Linear]:
         found = linearise(problem, point[None], shape[None], contact=contact)
         matrix, side = found.matrix[0], found.side[0]
+        pull = 0.0
         if contact:
             matrix[range(FORCE), range(FORCE)] += info
             side[:FORCE] -= info * point[:FORCE]
+            axis = found.tip_axis[0]
+            pull = max(0.0, float(axis @ point[:FORCE])) / _PULL_N
+            pulled[:FORCE, :FORCE] = np.outer(axis, axis) / _PULL_N**2 if pull else 0.0
+            side[:FORCE] -= pull / _PULL_N * axis
         else:
             hold(matrix, side, 0, FORCE)
-        return float(found.cost[0] + 0.5 * info @ point[:FORCE] ** 2), found
+        return float(found.cost[0] + 0.5 * info @ point[:FORCE] ** 2 + 0.5 * pull**2), found
 
     cost, here = at(q, shape)
+    holds = pulled.copy()
     damping, gap = 0.0, math.inf
     for _ in range(_FIT_STEPS):
         if not math.isfinite(cost):
             break
-        matrix = here.matrix[0]
+        matrix = here.matrix[0] + holds
         step = _solve(matrix + damping * np.diag(np.diag(matrix)), here.side[0])
         gap = float(step @ here.side[0])
         if gap < _SMALL_GAP and damping < 1e-2:
@@ -239,13 +251,13 @@ def fit(problem: Problem, start: FloatArray, quaternions: FloatArray, *, contact
         trial_shape = shape.copy()
         tried, there = at(q + step, trial_shape)
         if tried <= cost + 1e-9:
-            q, shape, cost, here = q + step, trial_shape, tried, there
+            q, shape, cost, here, holds = q + step, trial_shape, tried, there, pulled.copy()
             damping = 0.0 if damping < 1e-3 else 0.2 * damping
         else:
             damping = max(1e-2, 6.0 * damping)
             if damping > _MOST_DAMPING:
                 break
-    ok = math.isfinite(cost) and gap < 1.0
+    ok = math.isfinite(cost) and gap < _MOST_GAP and damping < _MOST_FINAL_DAMPING
     return Fit(q, shape, cost, float(here.chi2[0]), here.matrix[0], here.tip_axis[0], ok)
 
 
