@@ -5,14 +5,16 @@ mirrored), pixel aspect ratio, bit depth, limited range of grey, two views in on
 ranges.
 """
 
+import threading
 from collections.abc import Callable
 from fractions import Fraction
-from typing import cast
+from typing import Any, cast
 
 import av
 import numpy as np
 import numpy.typing as npt
 from av.sidedata.sidedata import SideDataContainer, Type
+from av.video.reformatter import VideoReformatter
 
 from ...errors import FileFormatError
 from ...types import Image
@@ -85,13 +87,28 @@ def levels_of(decoded: av.VideoFrame, where: str) -> npt.NDArray[np.uint8 | np.u
         levels = np.asarray(decoded.to_ndarray(), np.uint16) << np.uint16(16 - bits) if deep else grey_of(decoded)
         return _full_range(levels) if decoded.color_range == _LIMITED_RANGE else levels
     if bits > 8 and decoded.format.is_rgb:
-        return np.asarray(decoded.to_ndarray(format="rgb48le"), np.uint16)
-    return np.asarray(decoded.to_ndarray(format="rgb24"), np.uint8)
+        return np.asarray(_converted(decoded, "rgb48le"), np.uint16)
+    return np.asarray(_converted(decoded, "rgb24"), np.uint8)
 
 
 def grey_of(decoded: av.VideoFrame) -> Image:
     """Returns (h, w) grey levels in 8 bits, in the range of the file."""
-    return np.asarray(decoded.to_ndarray(format="gray"), np.uint8)
+    return np.asarray(_converted(decoded, "gray"), np.uint8)
+
+
+class _Converter(threading.local):
+    """Converts frames on the thread that asks; FFmpeg by itself starts threads for each frame, which takes 1 ms."""
+
+    def __init__(self) -> None:
+        self.reformatter = VideoReformatter()
+
+
+_CONVERTER = _Converter()
+
+
+def _converted(decoded: av.VideoFrame, pixel_format: str) -> npt.NDArray[Any]:
+    """Returns the pixels of ``decoded`` in FFmpeg's ``pixel_format``."""
+    return _CONVERTER.reformatter.reformat(decoded, format=pixel_format, threads=1).to_ndarray()
 
 
 def _full_range(levels: npt.NDArray[np.uint8 | np.uint16]) -> npt.NDArray[np.uint8 | np.uint16]:
