@@ -9,9 +9,12 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 
 import fcntl
 import gc
+import hashlib
+import pickle
 import shutil
 import subprocess
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -70,11 +73,45 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def _shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of this run that all of its processes see."""
+    base = tmp_path_factory.getbasetemp()
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+
+def _kept(compute: Callable[..., Any], folder: Path) -> Callable[..., Any]:
+    """``compute(*inputs, network)``, whose results are kept in ``folder`` by the bytes of its inputs."""
+
+    def call(*inputs: Any) -> Any:
+        graphs = sorted(inputs[-1].glob("*.onnx")) if isinstance(inputs[-1], Path) else []
+        changed = [path.stat().st_mtime_ns for path in graphs]
+        path = folder / hashlib.blake2b(pickle.dumps((compute.__name__, inputs, changed)), digest_size=16).hexdigest()
+        if not path.is_file():
+            part = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}")
+            part.write_bytes(pickle.dumps(compute(*inputs)))
+            part.replace(path)
+        return pickle.loads(path.read_bytes())
+
+    return call
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _networks_read_an_image_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Many tests detect the catheter in the same images, which the detector's networks need to read only once."""
+    from tipforce.vision.locator import _locate, _reading
+
+    folder = _shared_folder(tmp_path_factory) / "read-by-networks"
+    folder.mkdir(exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_locate, "rough_points", _kept(_locate.rough_points, folder))
+        patch.setattr(_reading, "refine", _kept(_reading.refine, folder))
+        yield
+
+
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
     """(name, what fills a folder) -> the folder, filled by the first process of a run that asks; not to be changed."""
-    base = tmp_path_factory.getbasetemp()
-    root = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    root = _shared_folder(tmp_path_factory)
 
     def folder_of(name: str, fill: Callable[[Path], None]) -> Path:
         folder = root / name

@@ -189,6 +189,7 @@ def test_the_truth_of_the_simulated_bench_is_scored_beside_the_sensor(rows, tmp_
     assert "Against the truth" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_errors_on_the_simulated_bench_are_held_against_the_smallest_possible(tmp_path, monkeypatch, no_method_figures):
     from tipforce.simulation import PRESETS, SimulatedBench, collect_truth, truth_path, write_truth
 

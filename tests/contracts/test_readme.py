@@ -43,13 +43,15 @@ def test_the_commands_for_a_bench_run(work_folder: Path) -> None:
     assert Path("report/report.html").is_file()
 
 
-def test_the_commands_without_a_bench_and_the_python_example_run(
-    work_folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_python_example_runs(work_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (code,) = code_blocks(README, "python")
     shutil.copy("run.mcap", "runs/monday.mcap")
     exec(code, {})  # it is the README's own
     assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.walkthrough
+def test_the_commands_without_a_bench_run(work_folder: Path) -> None:
     shutil.rmtree("runs")
     for line in commands(README.partition("## Without a bench")[2].partition("\n## ")[0]):
         type_command(line, {"--sessions 8": "--sessions 1"})

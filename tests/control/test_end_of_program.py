@@ -56,7 +56,13 @@ except Interrupted:
 """
 
 
-@pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "SIGHUP", "SIGHUP twice", "exception"])
+slow = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "end",
+    ["SIGINT", pytest.param("SIGTERM", marks=slow), pytest.param("SIGHUP", marks=slow), "SIGHUP twice", "exception"],
+)
 def test_the_drives_brake_whatever_ends_the_program(tmp_path: Path, end: str) -> None:
     with GrblEmulator(tmp_path / "stage") as grbl:
         command = [sys.executable, "-c", PROGRAM, str(grbl.path), end]

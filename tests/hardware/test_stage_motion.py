@@ -86,7 +86,9 @@ def test_a_key_of_the_motion_that_is_not_known_is_named(tmp_path: Path) -> None:
         read_devices(path)
 
 
-@pytest.mark.parametrize("words", [SINE, HALF_WAVE], ids=["sine", "half-wave PQRST"])
+@pytest.mark.parametrize(
+    "words", [pytest.param(SINE, id="sine"), pytest.param(HALF_WAVE, id="half-wave PQRST", marks=pytest.mark.slow)]
+)
 def test_a_recording_moves_the_stage_and_holds_where_it_was(tmp_path: Path, words: str) -> None:
     with (
         CameraEmulator(lambda k: np.full((24, 32), 50 + k % 50, np.uint8), fps=30) as camera,

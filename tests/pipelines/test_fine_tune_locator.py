@@ -31,12 +31,9 @@ IMAGES = [bench_image(each.points_px[-1, 1]) for each in ANNOTATIONS]
 
 @pytest.fixture(scope="module")
 def init(tmp_path_factory) -> Path:
-    from tipforce.training.locator import Locator, export_locator
-
-    torch.manual_seed(0)
     folder = tmp_path_factory.mktemp("init")
-    (folder / "detector.onnx").write_bytes(export_locator(Locator()))
-    (folder / "line.onnx").write_bytes(Path(locator.__file__).with_name("refine.onnx").read_bytes())
+    for name, graph in (("detector.onnx", "locator.onnx"), ("line.onnx", "refine.onnx")):
+        (folder / name).write_bytes(Path(locator.__file__).with_name(graph).read_bytes())
     return folder
 
 
