@@ -10,6 +10,7 @@ import av.error
 from av.container import InputContainer
 from av.stream import Disposition
 
+from ..._system.cores import cores
 from ...errors import FileFormatError, TimeError
 from ...types import Frame
 from .._image_size import check_pixels, max_pixels
@@ -70,6 +71,8 @@ class VideoFile:
     def _stream(self, container: InputContainer) -> av.VideoStream:
         stream = next(each for each in container.streams.video if each.index == self._stream_index)
         stream.thread_type = "AUTO"
+        if cores() == 1:
+            stream.codec_context.thread_count = 1
         # a frame may claim another size than the header of the file, which was checked
         stream.codec_context.options = {"max_pixels": str(max_pixels())}
         return stream
