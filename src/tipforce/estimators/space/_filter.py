@@ -223,12 +223,18 @@ class SpaceFilter:
         free = fit(problem, start, shape, contact=False)
         if free.ok:
             self._last["free"] = free.q, free.quaternions
-        start, shape = self._last.get("touch", (free.q, free.quaternions))
-        touch = fit(problem, start, shape, contact=True)
-        if free.ok and not (touch.ok and touch.cost < free.cost + _WORSE):
-            touch = fit(problem, free.q, free.quaternions, contact=True)
-        self._touch_chi2 = touch.chi2 if touch.ok else math.inf
-        if not touch.ok:
+        starts = [(free.q, free.quaternions), (problem.mean, unloaded)]
+        if "touch" in self._last:
+            starts.insert(0, self._last["touch"])
+        touch: Fit | None = None
+        for start, shape in starts:
+            tried = fit(problem, start, shape, contact=True)
+            if tried.ok and (touch is None or tried.cost < touch.cost):
+                touch = tried
+            if touch is not None and touch.cost < free.cost + _WORSE and self._explains(touch, problem):
+                break
+        self._touch_chi2 = math.inf if touch is None else touch.chi2
+        if touch is None:
             self._last.pop("touch", None)
             return free, []
         largest = self._settings.prior.largest_force_n
@@ -241,6 +247,9 @@ class SpaceFilter:
             if other is not None and more is not None:
                 grids = _each_on_its_side(nodes, more, touch.q[:FORCE], other.q[:FORCE])
         return free, grids
+
+    def _explains(self, found: Fit, problem: Problem) -> bool:
+        return found.chi2 <= self._settings.max_misfit * problem.rows
 
     def _mirrored(self, problem: Problem, touch: Fit) -> Fit | None:
         """Returns the fit on the other side of the image's plane; None where there is no separate one."""

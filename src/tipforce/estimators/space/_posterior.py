@@ -23,8 +23,9 @@ _PULL_N = 5e-3
 """Standard deviation of a force that pulls at the tip, in that fit: tissue pushes."""
 _FIT_STEPS, _NODE_STEPS = 40, 4
 _MOST_DAMPING = 1e6
-_MOST_FINAL_DAMPING = 0.1
-"""With more damping than this a fit has not converged."""
+_LEAST_GAIN, _MOST_GAIN = 2e-3, 0.1
+"""Decrease of the cost in a step with which a fit ends, and with which it counts where no step is left: along the
+direction that is shown least the minimum is flat, and the grid goes there."""
 _SMALL_GAP = 0.01
 """Squared distance to the minimum, in standard deviations, at which a fit ends."""
 _NODE_GAP, _MOST_GAP = 0.1, 1.0
@@ -239,7 +240,7 @@ def fit(problem: Problem, start: FloatArray, quaternions: FloatArray, *, contact
 
     cost, here = at(q, shape)
     holds = pulled.copy()
-    damping, gap = 0.0, math.inf
+    damping, gained = 0.0, math.inf
     for _ in range(_FIT_STEPS):
         if not math.isfinite(cost):
             break
@@ -247,17 +248,22 @@ def fit(problem: Problem, start: FloatArray, quaternions: FloatArray, *, contact
         step = _solve(matrix + damping * np.diag(np.diag(matrix)), here.side[0])
         gap = float(step @ here.side[0])
         if gap < _SMALL_GAP and damping < 1e-2:
+            gained = gap
             break
         trial_shape = shape.copy()
         tried, there = at(q + step, trial_shape)
         if tried <= cost + 1e-9:
+            last, gained = gained, cost - tried
             q, shape, cost, here, holds = q + step, trial_shape, tried, there, pulled.copy()
             damping = 0.0 if damping < 1e-3 else 0.2 * damping
+            if max(last, gained) < _LEAST_GAIN:
+                break
         else:
             damping = max(1e-2, 6.0 * damping)
             if damping > _MOST_DAMPING:
+                gained = 0.0
                 break
-    ok = math.isfinite(cost) and gap < _MOST_GAP and damping < _MOST_FINAL_DAMPING
+    ok = math.isfinite(cost) and gained < _MOST_GAIN
     return Fit(q, shape, cost, float(here.chi2[0]), here.matrix[0], here.tip_axis[0], ok)
 
 
