@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tipforce.mechanics import face_depths
+from tipforce.pipelines import preset_settings
 from tipforce.simulation import PRESETS, SimulatedBench, SimulationSettings, collect_truth, read_truth, write_truth
 from tipforce.simulation.rendering._random import gauss_table
 from tipforce.simulation.rendering.camera._pipeline import develop
@@ -33,8 +34,8 @@ def brief(preset: str) -> SimulationSettings:
         ("generalise", "604f018d0ab8e78c"),
         ("fluoro", "401967dada5f0e80"),
         ("biplane", "0f21002af0bac215"),
-        ("fluoro-varied", "79e7068d60914be2"),
-        ("biplane-varied", "9105c993bfd9bf3a"),
+        ("fluoro-varied", "120cb742559a5d3e"),
+        ("biplane-varied", "4ed76922e43ee423"),
         ("guidewire", "6dca64fce092954c"),
         ("catheter-5f", "be0e4bb13b045a89"),
     ],
@@ -113,6 +114,18 @@ def test_cameras_are_drawn_by_session_and_fit_the_protocol():
     assert {each.world.clock.fps for each in drawn} == {24.0, 25.0, 30.0, 50.0, 60.0}
     assert all(640 <= each.width <= 1280 and 480 <= each.height <= 1024 for each in drawn)
     assert PRESETS["bench-2021"].of_session(0, 3) is PRESETS["bench-2021"]
+
+
+@pytest.mark.parametrize("preset", ["varied", "fluoro-varied"])
+def test_a_stated_size_rate_or_side_holds_where_the_preset_draws_them(preset):
+    changes = {"width": 320, "height": 240, "world": {"clock": {"fps": 12.0}}, "scene": {"base_side": "top"}}
+    chosen = preset_settings(preset, changes=changes)
+    drawn = [chosen.of_session(0, number) for number in range(6)]
+    assert {(each.width, each.height, each.world.clock.fps, each.scene.base_side) for each in drawn} == {
+        (320, 240, 12.0, "top")
+    }
+    faster = preset_settings(preset, changes={"world": {"clock": {"fps": 12.0}}})
+    assert len({faster.of_session(0, number).width for number in range(12)}) > 1
 
 
 @pytest.fixture(scope="module")

@@ -43,7 +43,8 @@ def preset_settings(
     Args:
         preset: its name; settings are returned as they are.
         seconds: length of each session in s; None: the preset's.
-        changes: nested values, as ``{"world": {"wall": {"friction": [0, 0]}}}``.
+        changes: nested values, as ``{"world": {"wall": {"friction": [0, 0]}}}``. A changed size, rate or base side
+            holds for all sessions, also where the preset draws one for each.
 
     Raises:
         InputError: there is no such preset.
@@ -57,6 +58,7 @@ def preset_settings(
     values: dict[str, Any] = base.model_dump()
     for change in (changes or {}, {} if seconds is None else {"world": {"seconds": seconds}}):
         _merge(values, change)
+    _keep_stated(values, changes or {})
     chosen = type(base).model_validate(values)
     if chosen != base and chosen.preset == preset:
         chosen = chosen.model_copy(update={"preset": f"{preset} changed"})
@@ -166,6 +168,17 @@ def _merge(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
             _merge(values[key], value)
         else:
             values[key] = value
+
+
+def _keep_stated(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Replaces the lists from which a preset draws camera or detector by the stated size, rate and base side."""
+    for choice in (values[key] for key in ("cameras", "detectors") if values.get(key)):
+        if changes.keys() & {"width", "height"}:
+            choice["sizes"] = [(values["width"], values["height"])]
+        if "fps" in changes.get("world", {}).get("clock", {}):
+            choice["fps"] = [values["world"]["clock"]["fps"]]
+        if "base_side" in changes.get("scene", {}):
+            choice["base_sides"] = [values["scene"]["base_side"]]
 
 
 def _silent(line: str) -> None:

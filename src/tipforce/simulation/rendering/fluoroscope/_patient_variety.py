@@ -18,6 +18,8 @@ FloatImage = npt.NDArray[np.float32]
 _VESSEL_OVER_CHAMBER = 8.0
 """Contrast agent is less diluted in a vessel than in a chamber."""
 _MOST_PER_M = 160.0
+_FULL_RADIUS_MM = 1.2
+"""In a wider vessel the agent is more diluted, in proportion to the radius."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +109,7 @@ def chamber_blobs(scene: XrayScene, injection: Injection) -> list[Blob]:
 
 
 def vessel_parts(injection: Injection, rng: np.random.Generator) -> list[Part]:
-    """Makes filled vessels on the heart, as wide as catheters.
+    """Makes filled vessels on the heart, of the width of a catheter and up to that of the aorta.
 
     Args:
         injection: number of vessels and their attenuation.
@@ -121,12 +123,12 @@ def vessel_parts(injection: Injection, rng: np.random.Generator) -> list[Part]:
     for _ in range(injection.vessels):
         at = rng.normal((5, 0, 20), (14, 14, 12))
         way = rng.normal(size=3)
-        radius = rng.uniform(0.6, 2.0)
+        radius = 0.6 * 10.0 ** rng.uniform(0.0, 1.0)
         knots = [at]
         for _ in range(5):
             way = way / np.linalg.norm(way) + rng.normal(0, 0.45, 3)
             knots.append(knots[-1] + rng.uniform(8, 14) * way / np.linalg.norm(way))
-        parts.append(solid_tube(np.array(knots), radius, per_m))
+        parts.append(solid_tube(np.array(knots), radius, per_m * min(1.0, _FULL_RADIUS_MM / radius)))
     return parts
 
 
