@@ -7,12 +7,14 @@ import pytest
 
 from tipforce.errors import InputError
 from tipforce.estimators import create
+from tipforce.estimators._session_detection import DetectedLine
 from tipforce.estimators.space import Rod3d, SpaceSettings
 from tipforce.estimators.space._cameras import Reference, ViewLine, turns
 from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, SHAPE, Constants
 from tipforce.estimators.space._filter import SpaceFilter, SpaceResult, ViewShape, rod_of
 from tipforce.estimators.space._posterior import linearise
 from tipforce.estimators.space._widths import SpaceWidths
+from tipforce.estimators.space.space import SpaceStream
 from tipforce.mechanics import SpatialRod, solve_static_spatial
 from tipforce.types import (
     ActuationInfo,
@@ -97,6 +99,21 @@ def test_a_view_that_drops_out_widens_the_interval() -> None:
     assert one.explained
     assert width_n(one)[2] > 3.0 * width_n(both)[2]
     assert one.force.low_n[2] <= FORCE_N[2] <= one.force.high_n[2]
+
+
+def test_a_wrong_line_in_one_view_is_left_out() -> None:
+    rng = np.random.default_rng(3)
+    model = SpaceFilter(SpaceSettings(views=("a", "b")), 0.5, INFO)
+    for k in range(4):
+        model.step(seen(np.zeros(3), rng), KNOB_DEG, 0.07 if k else 0.0, 0.0)
+    shapes = seen(FORCE_N, rng)
+    line = shapes["b"].shape.centreline
+    assert line is not None
+    short = DetectedShape(Status.VALID, centreline=CentrelinePx(line.points[:40]))
+    found = model.step(shapes | {"b": ViewShape(short, SIZE)}, KNOB_DEG, 0.07, 0.0)
+    assert found.explained
+    assert found.views == ("a",)
+    assert found.force.low_n[2] <= FORCE_N[2] <= found.force.high_n[2]
 
 
 def test_one_view_keeps_both_mirror_images_of_the_depth() -> None:
@@ -207,3 +224,17 @@ def test_one_view_does_not_teach_the_depth() -> None:
     assert constants.mean[BEND_Z] == pytest.approx(0.5 - 0.02)
     assert constants.covariance[BEND_Z, BEND_Y] == pytest.approx(0.02 * before[BEND_Y, BEND_Y])
     assert np.linalg.eigvalsh(constants.covariance[3:, 3:]).min() > 0.0
+
+
+def test_a_session_does_not_begin_with_the_second_view_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = create("rod-3d").for_views(("a", "b")).start(INFO)
+    assert isinstance(stream, SpaceStream)
+    shape = seen(np.zeros(3), np.random.default_rng(0))["b"].shape
+    line = DetectedLine(shape, shape.centreline, SIZE, "left", 0.25e-3, 0.0)  # type: ignore[arg-type]
+    monkeypatch.setattr(stream._detections["b"], "read", lambda _: line)
+    image = np.zeros((512, 512), np.uint8)
+    estimate = stream.update(Observation(0, {"b": image}, {"knob_deg": KNOB_DEG}))
+    assert estimate.status is Status.MISSING_INPUT
+    assert (
+        "a: it has no image of this instant; the view b has one (a session begins with a line in a" in estimate.detail
+    )

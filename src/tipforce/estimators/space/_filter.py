@@ -32,6 +32,8 @@ _PIXELS = 240.0
 _USUAL_MISFIT_RATIO = 1.0 / 3.0
 """Usual misfit of `rod` over that of this model, both where the noise is as stated: true lines of simulated `biplane`
 sessions with twice the stated noise have 0.5 at a level of 2.5."""
+_CONFLICT = 2.0
+"""Two lines whose common misfit is larger than this times the limit exclude each other: one is read alone."""
 _WORSE = 2.0
 """A fit with a force whose cost is higher than without one by more than this is in a local minimum."""
 _APART = 1.0
@@ -53,12 +55,25 @@ class SpaceResult(NamedTuple):
         misfit: mean square, of the better hypothesis, in the noise's variances.
         explained: whether the rod explains the lines.
         level: of the noise relative to the stated one.
+        views: the views that the force is from: one, where the lines of two exclude each other.
     """
 
     force: SpaceForce
     misfit: float
     explained: bool
     level: float
+    views: tuple[str, ...]
+
+
+class _Solution(NamedTuple):
+    """The posterior of some lines; ``places``: their views among those of the settings."""
+
+    force: SpaceForce
+    misfit: float
+    free: Fit
+    grids: list[Nodes]
+    shares: list[FloatArray]
+    places: list[int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,31 +154,42 @@ class SpaceFilter:
         change = 1.0 - math.exp(-elapsed_s / self._settings.contact_s)
         share = self._share * (1.0 - change) + (1.0 - self._share) * change
         problem = self._problem(seen, lines, cameras, advance_m)
-        free, grids = self._fit(problem)
         log_odds = math.log(share / (1.0 - share))
-        largest = self._settings.prior.largest_force_n
-        force, shares = mixed_force(grids, free, log_odds, largest)
-        chi2 = min([free.chi2 if free.ok else math.inf, self._touch_chi2])
-        misfit = chi2 / problem.rows
-        explained = misfit <= self._settings.max_misfit and force.modes > 0
-        level = self._level.factor
+        found = self._solve(problem, log_odds)
+        if len(lines) > 1 and found.misfit > _CONFLICT * self._settings.max_misfit:
+            parts = (replace(problem, measurements=[each]) for each in problem.measurements)
+            alone = (self._solve(part, log_odds) for part in parts)
+            found = next((each for each in alone if self._explained(each)), found)
+        force, explained, level = found.force, self._explained(found), self._level.factor
         if explained:
             self._lost_s = 0.0
             self._share = min(1.0 - _LEAST_SHARE, max(_LEAST_SHARE, force.contact))
-        if math.isfinite(misfit):
-            self._level.add(_USUAL_MISFIT_RATIO * misfit, elapsed_s)
+        if math.isfinite(found.misfit):
+            self._level.add(_USUAL_MISFIT_RATIO * found.misfit, elapsed_s)
         if self._level.factor > _GROWN * self._begun_factor:
             self._lost_s = math.inf
         contact = force.contact > 0.5
-        clear = abs(force.contact - float(contact)) < _UNCLEAR and (contact or free.ok)
-        teaches = len(lines) > 1 or self._settings.views[0] in lines
+        clear = abs(force.contact - float(contact)) < _UNCLEAR and (contact or found.free.ok)
+        used = [self._settings.views[place] for place in found.places]
+        teaches = len(used) > 1 or self._settings.views[0] in used
         if explained and clear and teaches and self._waited_s >= self._settings.update_s:
             # one view alone would teach the depth in one of its two mirror images
             self.constants.learn(
-                *mixed_constants(grids, shares, free, contact=contact), held=() if len(lines) > 1 else DEPTH
+                *mixed_constants(found.grids, found.shares, found.free, contact=contact),
+                held=() if len(used) > 1 else DEPTH,
             )
             self._waited_s = 0.0
-        return SpaceResult(force, misfit, explained, level)
+        return SpaceResult(force, found.misfit, explained, level, tuple(used))
+
+    def _explained(self, found: "_Solution") -> bool:
+        return found.misfit <= self._settings.max_misfit and found.force.modes > 0
+
+    def _solve(self, problem: Problem, log_odds: float) -> "_Solution":
+        """Returns force, fits and misfit of some lines."""
+        free, grids = self._fit(problem)
+        force, shares = mixed_force(grids, free, log_odds, self._settings.prior.largest_force_n)
+        misfit = min(free.chi2 if free.ok else math.inf, self._touch_chi2) / problem.rows
+        return _Solution(force, misfit, free, grids, shares, [each.place for each in problem.measurements])
 
     def _begin(
         self,

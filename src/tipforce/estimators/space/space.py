@@ -103,9 +103,13 @@ class SpaceStream:
                 reasons[view] = found
             else:
                 seen[view], advance_m = ViewShape(found.shape, found.size_px), found.advance_m
-        if not seen:
+        begins = self._filter.constants is None
+        if not seen or (begins and settings.views[0] in reasons):
             abstention = next(iter(reasons.values()))
-            return ForceEstimate.invalid(stamp, abstention.status, _texts(reasons), first)
+            detail = _texts(reasons)
+            if seen:
+                detail += f" (a session begins with a line in {settings.views[0]}, where the knob bends the shaft)"
+            return ForceEstimate.invalid(stamp, abstention.status, detail, first)
         knob = observation.actuation.get("knob_deg", math.nan)
         if detail := self._implausible_knob(knob):
             return ForceEstimate.invalid(stamp, Status.OUT_OF_DISTRIBUTION, detail, first)
@@ -129,9 +133,11 @@ class SpaceStream:
                 first,
             )
         detail = ""
-        if len(seen) == 1:
-            detail = f"from {views_text(seen)} alone: the depth is known up to its mirror image"
-            if reasons:
+        if len(found.views) == 1:
+            detail = f"from {views_text(found.views)} alone: the depth is known up to its mirror image"
+            if len(seen) > 1:
+                detail += " (no rod explains the lines of both views)"
+            elif reasons:
                 detail += f" ({_texts(reasons)})"
         return within_error(self._widths.estimate(stamp, found.force, first, detail), settings.max_error_n)
 
