@@ -104,6 +104,7 @@ def test_the_truth_in_the_sensors_frame_is_what_the_sensor_reads(runs):
     assert miss.std(axis=0).max() < 8e-3  # what is left in the mean is the bias
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_bytes_and_finished_sessions_are_kept(runs, tmp_path):
     before = (runs / "session_00.mcap").stat().st_mtime_ns
     assert run("-o", str(runs), *ARGUMENTS).exit_code == 0

@@ -134,6 +134,7 @@ def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_pa
     assert "truth" in (report / "metrics.json").read_text()
 
 
+@pytest.mark.slow
 def test_two_processes_write_the_same_bytes_and_a_whole_set_is_kept(made, tmp_path, monkeypatch):
     monkeypatch.setenv("TIPFORCE_CORES", "2")
     options = ["--as", "dataset", "--samples", 30, "--samples-per-session", 11, "--seconds", 8, "--seed", 3, "--masks"]

@@ -41,7 +41,7 @@ def test_examples_of_control(work_folder: Path) -> None:
     assert (work_folder / "run" / "recording.mcap").is_file()
 
 
-@pytest.mark.parametrize("verb", ["init-bench", "import", "inspect"])
+@pytest.mark.parametrize("verb", ["init-bench", pytest.param("import", marks=pytest.mark.slow), "inspect"])
 def test_examples_of(verb: str, work_folder: Path) -> None:
     for path in (work_folder / "runs").glob("session_0[2-7]*"):  # copies; two sessions suffice
         path.unlink()
