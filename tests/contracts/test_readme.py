@@ -58,6 +58,7 @@ def test_the_commands_without_a_bench_run(work_folder: Path) -> None:
     assert Path("set/metadata.csv").is_file()
 
 
+@pytest.mark.walkthrough
 @pytest.mark.parametrize("name", pretrained_names())
 def test_the_command_of_a_model_card_runs(name: str, work_folder: Path) -> None:
     folder = located(f"pretrained/{name}")

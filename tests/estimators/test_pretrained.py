@@ -138,6 +138,7 @@ def test_compact_answers_an_image_and_its_mirror_image_alike(unseen: Dataset) ->
     np.testing.assert_allclose(other, force * [1, -1, 1], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_compact_bears_small_disturbances(unseen: Dataset) -> None:
     model = load_pretrained("compact")
     near = {("shift", "10 px"), ("shift", "20 px"), ("zoom", "× 1.1"), ("object", "10 %")}

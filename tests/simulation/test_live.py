@@ -349,6 +349,7 @@ def test_a_halt_is_no_slow_computer():
     assert clock.pace == 1.0
 
 
+@pytest.mark.walkthrough
 def test_the_closed_loop_of_the_docs_holds_its_force_on_a_wall_at_rest(capsys):
     code = DOCS.read_text(encoding="utf-8").split("```python\n", 1)[1].split("```", 1)[0]
     names = {}
