@@ -14,6 +14,7 @@ from av.stream import Disposition
 
 from tipforce.errors import FileFormatError
 from tipforce.io import frame_count, open_source
+from tipforce.io.video._pixels import levels_of
 from tipforce.types import Frame, IntArray
 
 WIDTH, HEIGHT = 64, 48
@@ -402,3 +403,11 @@ def test_frames_that_an_edit_list_hides_are_not_missed(tmp_path: Path) -> None:
     assert len(found) == 20
     assert abs(int(found[0].image[0, 0, 0]) - 80) < 8
     assert found[0].stamp_ns == 0
+
+
+def test_a_frame_is_converted_by_its_own_range_whatever_was_converted_before() -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, 64 * 48 * 3 // 2, dtype=np.uint8).reshape(72, 64)
+    for limits in (1, 2, 1, 0, 2):
+        frame = av.VideoFrame.from_ndarray(pixels, format="yuv420p")
+        frame.color_range = limits
+        np.testing.assert_array_equal(levels_of(frame, "video"), frame.to_ndarray(format="rgb24"))
