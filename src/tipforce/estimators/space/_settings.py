@@ -97,8 +97,10 @@ class SpaceSettings(BaseModel):
     curvature_walk_per_m: _NotNegative = 0.1
     """Random walk of the curvatures without load in a second: the shaft creeps."""
     base_walk_m: Annotated[float, Field(ge=0, le=1)] = 2e-5
-    """Random walk of the clamp's position in a second, and, in degrees, of its direction."""
-    base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.02
+    """Random walk of the clamp's position in a second, and, in degrees, of its direction and of the plane of bending.
+    With 0.02 the 90 % intervals of fz held 59 % at contact angles from 60 degrees on, with 0.3 they held 95 % (six
+    simulated `biplane` sessions)."""
+    base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.3
     friction_s: _Positive = 0.5
     """How long the lever of the force stays, until the tissue moves the other way."""
     line_error_s: _Positive = 10.0
