@@ -264,15 +264,15 @@ class SpaceFilter:
             self._last.pop("touch", None)
             return free, []
         largest = self._settings.prior.largest_force_n
+        other = self._mirrored(problem, touch) if len(problem.measurements) == 1 else None
+        if other is not None and other.cost < touch.cost - 1.0:  # the first fit has not reached its minimum
+            touch = self._mirrored(problem, other) or touch
         self._last["touch"] = touch.q, touch.quaternions
         nodes = lay_grid(problem, touch, largest)
-        grids = [] if nodes is None else [nodes]
-        if len(problem.measurements) == 1 and nodes is not None:
-            other = self._mirrored(problem, touch)
-            more = None if other is None else lay_grid(problem, other, largest)
-            if other is not None and more is not None:
-                grids = _each_on_its_side(nodes, more, touch.q[:FORCE], other.q[:FORCE])
-        return free, grids
+        more = None if other is None else lay_grid(problem, other, largest)
+        if nodes is not None and more is not None and other is not None:
+            return free, _each_on_its_side(nodes, more, touch.q[:FORCE], other.q[:FORCE])
+        return free, [each for each in (nodes, more) if each is not None]
 
     def _explains(self, found: Fit, problem: Problem) -> bool:
         return found.chi2 <= self._settings.max_misfit * problem.rows
