@@ -1,10 +1,11 @@
-"""The line network: the axis, its visibility, the base and the tip in the image straightened along a rough line.
+"""The line network: the axis, its visibility, base, tip and diameter in the image straightened along a rough line.
 
     python -m bench.locator.line -o DIR [--steps N] [--seed S] [--resume]
 
-Its strips come from the compositor (a third) and from the presets' renderers at their own resolution, along the true
-line with errors like those of the locator, or along another line. DIR/line.pt holds weights and optimiser every 250
-steps; ``--resume`` continues. DIR/refine.onnx goes to src/tipforce/vision/locator.
+Its strips come from the compositor (half) and from the presets' renderers at their own resolution, along the true
+line with errors like those of the locator, or along another line; their width suits the diameter, or a guess of it.
+DIR/line.pt holds weights and optimiser every 250 steps; ``--resume`` continues. DIR/refine.onnx goes to
+src/tipforce/vision/locator.
 """
 
 import argparse
@@ -35,20 +36,20 @@ from tipforce.training.locator import (
 )
 from tipforce.vision.locator import ACROSS, ALONG
 
-SCENE_SHARE = 0.35
+SCENE_SHARE = 0.4
 """Share of the strips from the compositor."""
-RATE, BATCH, STEPS, WORKERS = 2e-3, 32, 3500, 2
-STRIPS_PER_IMAGE, RESERVOIR_IMAGES = 40, 300
+RATE, BATCH, STEPS, WORKERS = 2e-3, 32, 9500, 2
+STRIPS_PER_SCENE, STRIPS_PER_IMAGE, RESERVOIR_IMAGES = 15, 40, 300
 CHECKS, CHECKS_SEED = 512, 900_000
-OUTPUTS = ["offset", "log_spread", "base", "tip", "seen", "right"]
+OUTPUTS = ["offset", "log_spread", "base", "tip", "seen", "right", "log_width"]
 
 
 def _scenes(rng: np.random.Generator) -> Iterator[StripSource]:
     drawer = Drawer(WINDOW_PX, WINDOW_PX)
     while True:
         drawn = scene.draw(rng, drawer, WINDOW_PX)
-        if drawn.present and (drawn.state == SEEN).mean() > 0.4:
-            yield StripSource(drawn.image, drawn.line, drawn.state, drawn.diameter_px)
+        if not drawn.present or (drawn.state == SEEN).mean() > 0.4:
+            yield StripSource(drawn.image, drawn.line, drawn.state, drawn.diameter_px, drawn.present)
 
 
 def _presets(rng: np.random.Generator, seed: int) -> Iterator[StripSource]:
@@ -75,7 +76,7 @@ class _Strips(torch.utils.data.IterableDataset[dict[str, Tensor]]):
             while len(drawn) < self._batch:
                 which = int(rng.random() > SCENE_SHARE)
                 own = kept[which]
-                if len(own) < 12 or rng.random() < 1.0 / STRIPS_PER_IMAGE:
+                if len(own) < 12 or rng.random() < 1.0 / (STRIPS_PER_IMAGE if which else STRIPS_PER_SCENE):
                     own.append(next(streams[which]))
                     if len(own) > RESERVOIR_IMAGES:
                         own.pop(int(rng.integers(RESERVOIR_IMAGES)))
@@ -85,7 +86,7 @@ class _Strips(torch.utils.data.IterableDataset[dict[str, Tensor]]):
 
 def figures(found: tuple[Tensor, ...], wanted: dict[str, Tensor]) -> dict[str, float]:
     """Errors on held-out strips: offsets in diameters, ends in stations, shares of right stations and strips."""
-    offset, log_scale, base, tip, seen, right = found
+    offset, log_scale, base, tip, seen, right, log_width = found
     asked, visible = wanted["asked"], wanted["seen"] > 0.5
     off = (offset - wanted["offset"]).abs()
     use = asked & visible
@@ -99,6 +100,7 @@ def figures(found: tuple[Tensor, ...], wanted: dict[str, Tensor]) -> dict[str, f
         "offset_normalised": float((off * torch.exp(-log_scale))[use].mean()),
         **ends,
         "seen_right": float(((seen > 0) == visible)[judged].float().mean()),
+        "log_width": float((log_width - wanted["log_width"]).abs()[wanted["right"] > 0.5].median()),
         "right_right": float(((right > 0) == (wanted["right"] > 0.5)).float().mean()),
     }
 

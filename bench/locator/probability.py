@@ -1,14 +1,15 @@
 """Fits the regression that predicts whether a line of the locator is right.
 
-    python -m bench.locator.probability FILE.npz ...
+    python -m bench.locator.probability FILE.npz ... [--write]
 
-The files come from ``python -m bench.studies.locator_accuracy PRESET --features FILE.npz``. Prints how often lines of
-sessions that a regression has not seen are right, by its probability, and the weights for
-tipforce/vision/_line_probability.py.
+The files come from ``python -m bench.studies.locator_accuracy PRESET --features FILE.npz`` and ``python -m
+bench.locator.scenes --features FILE.npz``. Prints how often lines of sessions that a regression has not seen are right,
+by its probability. ``--write`` writes the weights into tipforce/vision/_line_probability.py.
 """
 
 import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -17,10 +18,11 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from tipforce.vision._line_probability import INTERCEPT, WEIGHTS
+from tipforce.vision import _line_probability
 
 STEPS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0)
 """Limits of the rows of the reliability table."""
+BEGIN, END = "# BEGIN", "# END"
 
 
 def _reliability(stated: npt.NDArray[np.float64], right: npt.NDArray[np.bool_]) -> None:
@@ -32,25 +34,51 @@ def _reliability(stated: npt.NDArray[np.float64], right: npt.NDArray[np.bool_]) 
             )
 
 
+def _numbers(values: npt.NDArray[np.float64]) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)
+
+
+def _write(
+    means: npt.NDArray[np.float64], spreads: npt.NDArray[np.float64], weights: npt.NDArray[np.float64], xray: float
+) -> None:
+    path = Path(_line_probability.__file__)
+    head, rest = path.read_text(encoding="utf-8").split(BEGIN)
+    first, tail = rest.split("\n", 1)[0], rest.split(END)[1]
+    lines = [f"{BEGIN}{first}", f"MEANS = np.array([{_numbers(means)}])", f"SPREADS = np.array([{_numbers(spreads)}])"]
+    lines += ["WEIGHTS = np.array(["]
+    lines += [f"    {_numbers(weights[k : k + 12])}," for k in range(0, len(weights), 12)]
+    lines += ["])  # fmt: skip", f"XRAY_LOG_ODDS = {xray:.3g}", f"{END}"]
+    path.write_text(head + "\n".join(lines) + tail, encoding="utf-8")
+
+
 def main() -> None:
-    """Fits and prints."""
-    rows, right, groups = [], [], []
-    for path in sys.argv[1:]:
+    """Fits, prints and writes."""
+    rows, right, groups, xray = [], [], [], []
+    for path in (each for each in sys.argv[1:] if each != "--write"):
         with np.load(path) as read:
             rows.append(read["features"])
             right.append(read["right"])
+            xray.append(np.full(len(read["right"]), bool(read["xray"])))
             groups.append(np.char.add(f"{path} ", read["session"].astype(str)))
     x, y, group = np.concatenate(rows), np.concatenate(right).astype(bool), np.concatenate(groups)
-    model = make_pipeline(StandardScaler(), LogisticRegression(C=0.3, max_iter=5000))
-    stated = cross_val_predict(model, x, y, groups=group, cv=GroupKFold(8), method="predict_proba")[:, 1]
+    in_xray = np.concatenate(xray)
+    if hasattr(_line_probability, "WEIGHTS"):
+        print("by the weights in tipforce:")
+        score = _line_probability.standardised(x) @ _line_probability.WEIGHTS
+        score = score + _line_probability.XRAY_LOG_ODDS * in_xray
+        _reliability(1.0 / (1.0 + np.exp(-score)), y)
+    means, spreads = x.mean(axis=0), x.std(axis=0)
+    _line_probability.MEANS, _line_probability.SPREADS = means, spreads
+    terms = np.column_stack([_line_probability.standardised(x)[:, 1:], in_xray])
+    model = make_pipeline(StandardScaler(), LogisticRegression(C=0.05, max_iter=5000))
+    stated = cross_val_predict(model, terms, y, groups=group, cv=GroupKFold(8), method="predict_proba")[:, 1]
     print("by regressions that did not see the session:")
     _reliability(stated, y)
-    print("by the weights in tipforce:")
-    _reliability(1.0 / (1.0 + np.exp(-np.clip(INTERCEPT + x @ np.array(WEIGHTS), -30.0, 30.0))), y)
-    scaler, regression = (step for _, step in model.fit(x, y).steps)
+    scaler, regression = (step for _, step in model.fit(terms, y).steps)
     weights = regression.coef_[0] / scaler.scale_
-    print(f"INTERCEPT = {regression.intercept_[0] - weights @ scaler.mean_:.3f}")
-    print(f"WEIGHTS = LineFeatures({', '.join(f'{weight:.3g}' for weight in weights)})")
+    if "--write" in sys.argv:
+        constant = regression.intercept_ - weights @ scaler.mean_
+        _write(means, spreads, np.concatenate([constant, weights[:-1]]), weights[-1])
 
 
 if __name__ == "__main__":

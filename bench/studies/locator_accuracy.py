@@ -8,7 +8,7 @@ and 90 % of the visible part is covered. Right: the line is, and a visible tip i
 within 5 px along the shaft and every point within 2 px. Two rows: as detection comes, and with lines whose hidden tip
 is known less exactly than the limit. Region: how often the stated 90 % region of the tip holds the true one.
 ``--features``: stores the features of the locator's lines and whether they are right, for
-``python -m bench.locator.probability FILE.npz ...``.
+``python -m bench.locator.probability FILE.npz ...``; no line is refused then for its probability.
 """
 
 import argparse
@@ -131,11 +131,12 @@ def main() -> None:
     preset = preset.model_copy(update={"world": preset.world.model_copy(update={"seconds": 20.0})})
     usual = Tally("as it comes", USUAL_TIP_STD_PX)
     every = Tally("with hidden tips", math.inf)
+    refusal = {"least_probability": 0.0} if options.features else {}
     tips, drawn = 0, {"features": [], "right": [], "session": []}
     for number in range(options.sessions):
         bench = SimulatedBench(preset, options.seed, number, resolution=FAST)
         view, last = next(iter(bench.views)), len(bench.frame_s) - 1
-        settings = VisionSettings(method=options.method, view=view, max_tip_std_px=ANY_STD_PX)
+        settings = VisionSettings(method=options.method, view=view, max_tip_std_px=ANY_STD_PX, **refusal)
         images = [bench.frame(int(k), view).image for k in np.linspace(0, last, RESOLVED_ON)]
         vision, reason = None, ""
         try:
@@ -161,7 +162,9 @@ def main() -> None:
     for tally in (usual, every):
         print(f"{options.preset}, {tally.text(tips)}")
     if options.features:
-        np.savez(options.features, preset=options.preset, **{name: np.array(values) for name, values in drawn.items()})
+        modality = bench.session_info.view(view).modality
+        facts = {"preset": options.preset, "xray": modality == "xray"}
+        np.savez(options.features, **facts, **{name: np.array(values) for name, values in drawn.items()})
 
 
 if __name__ == "__main__":

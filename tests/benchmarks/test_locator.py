@@ -164,9 +164,27 @@ def test_a_strip_of_a_scene_has_the_true_axis_and_ends(scenes):
         assert each.ends[1] > 0.6 * ALONG
     wanted = {
         name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn]))
-        for name in ("offset", "asked", "seen", "judged", "ends", "right")
+        for name in ("offset", "asked", "seen", "judged", "ends", "right", "log_width")
     }
     zero = torch.zeros(12, ALONG)
-    true = wanted["offset"], zero - 3.0, zero, zero, 8.0 * wanted["seen"] - 4.0, 8.0 * wanted["right"] - 4.0
-    false = wanted["offset"] + 0.5, zero - 3.0, zero, zero, 4.0 - 8.0 * wanted["seen"], 4.0 - 8.0 * wanted["right"]
-    assert line_loss(true, wanted) < line_loss(false, wanted)
+    true = (
+        wanted["offset"], zero - 3.0, zero, zero, 8.0 * wanted["seen"] - 4.0, 8.0 * wanted["right"] - 4.0,
+        wanted["log_width"],
+    )  # fmt: skip
+    wrong = (
+        wanted["offset"] + 0.5, zero - 3.0, zero, zero, 4.0 - 8.0 * wanted["seen"], 4.0 - 8.0 * wanted["right"],
+        wanted["log_width"] + 0.5,
+    )  # fmt: skip
+    for k in (0, 4, 5, 6):
+        false = (*true[:k], wrong[k], *true[k + 1 :])
+        assert line_loss(true, wanted) < line_loss(false, wanted)
+
+
+def test_a_strip_without_its_catheter_is_wrong(scenes):
+    one = next(scene for scene in scenes if scene.present and (scene.state == SEEN).all())
+    empty = StripSource(
+        np.full_like(one.image, 127), one.line, np.zeros_like(one.state), one.diameter_px, present=False
+    )
+    rng = np.random.default_rng(5)
+    drawn = [strip_target(empty, rng) for _ in range(12)]
+    assert all(each.right < 0.5 and not each.asked.any() and not each.seen.any() for each in drawn)

@@ -3,6 +3,8 @@
 import functools
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -27,13 +29,17 @@ from tipforce.vision import (
 from tipforce.vision.locator import (
     ACROSS,
     HALF_WIDTH,
+    Located,
     Prompts,
     SessionConstants,
+    as_colour,
     locate,
     session_constants,
     straightened,
 )
+from tipforce.vision.locator._networks import rough_points
 from tipforce.vision.locator._prompts import channels
+from tipforce.vision.locator._session import _length
 
 SEED, SESSION = 9500, 3
 """Not among the sessions that the networks were trained on, nor those that results are reported on."""
@@ -140,6 +146,34 @@ def test_the_catheter_begins_at_the_base_in_the_stated_box_and_not_at_the_edge_o
     base_line = {"left": (low_u, u), "right": (high_u, u), "top": (low_v, v), "bottom": (high_v, v)}
     at, true = base_line[vision.base_side]
     assert at == pytest.approx(true, abs=8.0)
+
+
+def test_the_base_is_in_the_stated_box():
+    images, _, _ = session()
+    found = rough_points(np.ascontiguousarray(as_colour(images[0])[::3, ::3]), Prompts(region=(90, 60, 100, 70)))
+    assert 80.0 < found.points[0, 0] < 110.0
+    assert 50.0 < found.points[0, 1] < 80.0
+
+
+def test_two_lengths_that_contradict_each_other_leave_the_length_unsure():
+    lines = [
+        cast(Located, SimpleNamespace(tip_seen=1.0, tip_peak=1.0, points=np.array([[0.0, 0.0], [length, 0.0]])))
+        for length in (100.0, 200.0)
+    ]
+    length, error = _length(lines, np.zeros(2), None)
+    assert length == 150.0
+    assert error >= 50.0
+
+
+def test_the_diameter_is_found_where_it_is_not_stated():
+    images, _, info = session()
+    scale = info.view("camera").metres_per_px
+    assert info.catheter.diameter_m is not None
+    assert scale is not None
+    true_px = info.catheter.diameter_m / scale
+    found = [locate(image, Prompts(length_px=constants().length_px), 64) for image in images]
+    diameters = [line.diameter_px for line in found if line is not None]
+    assert float(np.median(diameters)) == pytest.approx(true_px, rel=0.2)
 
 
 def _covered(image: Image, tip: np.ndarray, radius_px: int) -> Image:

@@ -41,6 +41,7 @@ from ..types import (
     SensorInfo,
     SessionInfo,
     Source,
+    Status,
     Wrench,
     ordered_views,
 )
@@ -55,8 +56,9 @@ _FEWEST = 5
 """Images with a force, without which an import is a mistake."""
 _LARGE_N = 10.0
 """A catheter buckles long before; a larger force is in another unit or a typing error."""
-_FIRST, _EVERY = 50, 5
-"""Frames on which vision is calibrated first, every fifth of them."""
+_FIRST, _EVERY = (50, 100), 5
+"""Frames on which vision is calibrated first, ten images of them or every fifth: a catheter that waits for the first
+ones may be found in the second ones."""
 KEPT_IMAGES = 16
 """Images from all over the run on which it is calibrated again, whenever the run has doubled."""
 
@@ -272,8 +274,10 @@ def _state_facts(
     if sight:
         sight.finish()
     seen = DetectedShapes(run.stamps(None))
-    if sight:
-        seen = DetectedShapes(run.stamps(None if sight.blind else sight.view), sight.shapes, sight.view, sight.blind)
+    if sight and sight.blind:
+        seen = DetectedShapes(run.stamps(None), [], sight.view, sight.blind)
+    elif sight:
+        seen = DetectedShapes(run.stamps(sight.view), sight.shapes, sight.view)
     frames = seen.frame_ns
     _check_overlap(names, frames, stamps)
     pose = sensor or info.sensor
@@ -480,6 +484,7 @@ class _RunDetector:
         self.view = settings.view
         self.shapes: list[DetectedShape] = []
         self._detect: Callable[[Image], DetectedShape] | None = None
+        self._has_view = True
         self._head: list[Frame] | None = []
         self._counts: Counter[str] = Counter()
         self._kept: list[Image] = []
@@ -492,22 +497,30 @@ class _RunDetector:
             return
         self._head.append(frame)
         self._counts[frame.view] += 1
-        if self._counts[frame.view] == _FIRST:
-            self.finish()
+        if self._counts[frame.view] in _FIRST:
+            self._begin(last=self._counts[frame.view] == _FIRST[-1])
 
     def finish(self) -> None:
         """Detects the catheter in the first frames, even if there are few."""
-        head, self._head = self._head, None
-        if head is None:
-            return
+        if self._head is not None:
+            self._begin(last=True)
+
+    def _begin(self, *, last: bool) -> None:
+        """Resolves the detection and detects the catheter in the first frames; not ``last``: where it is found."""
+        head = self._head or []
         images: list[Image] = []
         try:
             self._settings = self._settings.for_views(ordered_views(self._counts), self._context.name)
             self.view = self._settings.view
-            images = [frame.image for frame in head if frame.view == self.view][::_EVERY]
+            images = [frame.image for frame in head if frame.view == self.view]
+            images = images[:: max(_EVERY, len(images) // 10)]
             self._detect = self._calibrated(images)
         except InputError as error:  # the recording is worth having without its clock map
+            if not last:
+                return
+            self._has_view = bool(images)
             self.blind = with_advice(error, self._settings, images, self._context, whole=False)
+        self._head = None
         for frame in head:
             self._look(frame)
 
@@ -519,10 +532,12 @@ class _RunDetector:
         return ShapeDetector(vision).detect
 
     def _look(self, frame: Frame) -> None:
-        if self._detect is None or frame.view != self.view:
+        if not self._has_view or frame.view != self.view:
             return
-        self.shapes.append(self._detect(frame.image))
-        self._detect = self._calibrated_again(frame.image) or self._detect
+        unseen = DetectedShape(Status.NO_CATHETER, self.blind)
+        self.shapes.append(unseen if self._detect is None else self._detect(frame.image))
+        if again := self._calibrated_again(frame.image):
+            self._detect, self.blind = again, ""
 
     def _calibrated_again(self, image: Image) -> Callable[[Image], DetectedShape] | None:
         """Returns a detector calibrated on more of the run: a catheter at rest hides its background; None: not yet."""

@@ -14,19 +14,16 @@ from ..errors import InputError, NoCatheterError
 from ..geometry import arc_length
 from ..types import Box, Catheter, FloatArray, Image, SessionInfo, ViewInfo
 from ._auto_calibrate import auto_calibrate, base_box, side_of
-from ._by_locator import detector_folder, stated_prompts
+from ._by_locator import detector_folder, stated_prompts, view_log_odds
 from ._detector import ShapeDetector
 from ._line_probability import probability
-from ._session_size import nominal_px, with_view
+from ._session_size import stated_size_px, with_view
 from ._settings import SIDES, BaseSide, VisionSettings
 from .locator import (
-    GUESSED_ASPECT,
-    Located,
     Prompts,
     RoughPoints,
     as_colour,
     locate,
-    measured_diameter,
     read_points,
     rough_line,
 )
@@ -48,8 +45,6 @@ MIN_FOUND_SHARE = 0.5
 ANNOTATED_FRAMES = 8
 MIN_LENGTH_PX = 8.0
 """A shorter line of the first reading counts as this long."""
-MEASURED_ROUNDS = 3
-"""The line of an object is read this number of times where its diameter is not stated, with the measured one."""
 ANY_LENGTH_M = 0.05
 """Length of the catheter with which a size is tried where neither length nor scale is stated."""
 
@@ -207,7 +202,8 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
     """
     stated = with_view(settings, info)
     network = detector_folder(stated.detector)
-    prompts = replace(stated_prompts(stated, nominal_px(info, stated.view)), region=None, border=None)
+    log_odds = view_log_odds(info.view(stated.view), network)
+    prompts = replace(stated_prompts(stated, stated_size_px(info, stated.view)), region=None, border=None)
     open_size = replace(prompts, length_px=None, diameter_px=None)
     tried = [open_size] if prompts.length_px is None else [prompts, open_size]
     bases: list[FloatArray] = []
@@ -220,7 +216,7 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
             lengths.append(float(arc_length(rough_line(read))[-1]))
     limit = MIN_APART_SHARE * max(frames[0].shape[:2])
     found = [
-        _candidate(base, length, frames, tried, network)
+        _candidate(base, length, frames, tried, network, log_odds)
         for base, length in _apart(np.array(bases), np.array(votes), np.array(lengths), limit)
     ]
     distinct: list[Candidate] = []
@@ -262,24 +258,24 @@ def _apart(
 
 
 def _candidate(
-    base: FloatArray, length_px: float, frames: Sequence[Image], tried: Sequence[Prompts], network: Path | None
+    base: FloatArray,
+    length_px: float,
+    frames: Sequence[Image],
+    tried: Sequence[Prompts],
+    network: Path | None,
+    log_odds: float,
 ) -> Candidate | None:
     """Returns the object that begins at ``base`` (2,), by the stated or the open size: by the more probable one."""
     best: Candidate | None = None
     for prompts in tried:
         length = prompts.length_px or length_px
-        diameter = prompts.diameter_px or max(length / GUESSED_ASPECT, 2.0)
-        lines: list[Located | None] = []
-        for _ in range(1 if prompts.diameter_px else MEASURED_ROUNDS):
-            sized = replace(prompts, base_px=base, length_px=length, diameter_px=diameter)
-            lines = [locate(frame, sized, POINTS, network=network) for frame in frames]
-            seen = [(frame, line.points) for frame, line in zip(frames, lines, strict=True) if line is not None]
-            if seen and not prompts.diameter_px:
-                diameter = measured_diameter([frame for frame, _ in seen], [line for _, line in seen], diameter)
+        sized = replace(prompts, base_px=base, length_px=length)
+        lines = [locate(frame, sized, POINTS, network=network) for frame in frames]
         first = next((line for line in lines if line is not None), None)
         if first is None:
             continue
-        likely = float(np.mean([0.0 if line is None else probability(line) for line in lines]))
+        diameter = float(np.median([line.diameter_px for line in lines if line is not None]))
+        likely = float(np.mean([0.0 if line is None else probability(line, log_odds) for line in lines]))
         if best is None or likely > best.probability:
             side = side_of(first.heading_rad)
             region = base_box(first.points[0], side, diameter, frames[0].shape[:2])

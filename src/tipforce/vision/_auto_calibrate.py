@@ -14,10 +14,19 @@ import numpy as np
 
 from ..errors import InputError, NoCatheterError
 from ..types import Box, DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._by_locator import detector_folder, detector_log_odds, same_line, stated_prompts
+from ._by_locator import detector_folder, same_line, stated_prompts, view_log_odds
 from ._clamp import INWARD
 from ._line_probability import probability
-from ._session_size import for_session, learn_length, learn_tip_template, nominal_px, on_axis, with_nominal, with_view
+from ._session_size import (
+    for_session,
+    learn_length,
+    learn_tip_template,
+    nominal_px,
+    on_axis,
+    stated_size_px,
+    with_nominal,
+    with_view,
+)
 from ._settings import BaseSide, LocatorPrior, Polarity, ResolvedVision, VisionSettings
 from .locator import MIN_FRAMES, SessionConstants, session_constants
 from .tracer import Trace, Tracer
@@ -245,7 +254,7 @@ def _of_session(
     try:
         constants = session_constants(
             located,
-            stated_prompts(stated, nominal_px(info, stated.view)),
+            stated_prompts(stated, stated_size_px(info, stated.view)),
             moves=whole and enough_images(frames),
             network=network,
         )
@@ -268,9 +277,9 @@ def _of_session(
         if not agrees and enough_images(frames):
             raise NoCatheterError("the tracer follows another object than the locator finds", _remedy(stated))
         return _with_rejection(traced)
-    log_odds = detector_log_odds(network)
+    log_odds = view_log_odds(info.view(stated.view), network)
     likely = max((probability(line, log_odds) for line in constants.lines if line is not None), default=0.0)
-    if not agrees and likely < MIN_SESSION_PROBABILITY:
+    if not agrees and likely < min(MIN_SESSION_PROBABILITY, settings.least_probability):
         begins = constants.base_px
         raise NoCatheterError(
             f"the object found, which begins at ({begins[0]:.0f}, {begins[1]:.0f}), is the catheter with a probability "
@@ -284,6 +293,7 @@ def _of_session(
         length_px=round(constants.length_px),
         length_std_px=round(max(constants.length_std_px, 0.1), 1),
         diameter_px=round(constants.diameter_px, 1),
+        log_odds=round(log_odds, 3),
         tracer=agrees,
     )
     return _with_rejection(
@@ -353,7 +363,7 @@ def _shared(
     for frame, info in zip(frames, each, strict=True):
         own = with_view(settings, info)
         try:
-            prompts = stated_prompts(own, nominal_px(info, own.view))
+            prompts = stated_prompts(own, stated_size_px(info, own.view))
             constants = session_constants([frame], prompts, moves=False, network=detector_folder(own.detector))
         except InputError as error:
             reason = error

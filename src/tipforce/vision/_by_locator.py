@@ -7,8 +7,8 @@ import numpy as np
 
 from .._system.json_files import read_json
 from ..errors import FileFormatError, InputError
-from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status
-from ._line_probability import probability
+from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status, ViewInfo
+from ._line_probability import XRAY_LOG_ODDS, probability
 from ._settings import USUAL_TIP_STD_PX, ResolvedVision, VisionSettings
 from .locator import DETECTOR_FACTS, DETECTOR_GRAPHS, Known, Located, Prompts, locate
 from .tracer import Tracer
@@ -21,6 +21,8 @@ MAX_LINE_DIAMETERS, MAX_TIP_DIAMETERS = 0.35, 1.0
 """Two lines, or tips, of the same shaft are at most this number of diameters apart."""
 MAX_OUTSIDE_DIAMETERS = 0.5
 """A line may leave ``roi``, or begin beside ``base_region``, by this number of diameters."""
+MIN_UNCLEAR_PROBABILITY = 0.5
+"""A line that is less likely the catheter than not is no catheter; a likelier one that is refused is unclear."""
 MIN_TIP_SEEN = 0.5
 """With less probability that it is visible a tip is hidden."""
 
@@ -42,27 +44,29 @@ def detector_folder(detector: str | None) -> Path | None:
     return Path(detector)
 
 
-def detector_log_odds(folder: Path | None) -> float:
-    """Returns the ``log_odds`` of a fine-tuned detector; see `probability`.
+def view_log_odds(view: ViewInfo, folder: Path | None) -> float:
+    """Returns the ``log_odds`` of the lines in a view: those of X-ray, and of a fine-tuned detector; see `probability`.
 
     Args:
-        folder: its folder; None: the networks that come with tipforce.
+        view: metadata of the view.
+        folder: folder of the detector; None: the networks that come with tipforce.
 
     Raises:
         FileFormatError: its facts cannot be read.
     """
+    own = XRAY_LOG_ODDS if view.modality == "xray" else 0.0
     if folder is None:
-        return 0.0
+        return own
     facts = read_json(folder / DETECTOR_FACTS)
     found = facts.get("log_odds") if isinstance(facts, dict) else None
     if not isinstance(found, int | float):
         raise FileFormatError(f"{folder / DETECTOR_FACTS}: has no number log_odds; run tipforce annotate again")
-    return float(found)
+    return own + float(found)
 
 
-def stated_prompts(stated: VisionSettings, size_px: tuple[float, float] | None) -> Prompts:
+def stated_prompts(stated: VisionSettings, size_px: tuple[float | None, float | None] = (None, None)) -> Prompts:
     """Returns the prompts that settings state; ``size_px``: length and diameter of the catheter, None if unknown."""
-    length_px, diameter_px = size_px or (None, None)
+    length_px, diameter_px = size_px
     return Prompts(
         region=stated.base_region,
         border=None if stated.base_side == "auto" or stated.base_region is not None else stated.base_side,
@@ -102,13 +106,12 @@ class LocatorDetector:
         self._base = np.array(vision.locator.base_px)
         self._tracer = Tracer(vision) if vision.locator.tracer else None
         self._prompts = replace(
-            stated_prompts(vision.settings, None),
+            stated_prompts(vision.settings),
             base_px=self._base,
             length_px=vision.locator.length_px,
             diameter_px=vision.locator.diameter_px,
         )
         self._detector = detector_folder(vision.detector)
-        self._log_odds = detector_log_odds(self._detector)
         self._known = Known(
             vision.locator.length_px,
             vision.locator.length_std_px,
@@ -143,11 +146,11 @@ class LocatorDetector:
                 f"the detected line begins at ({begins[0]:.0f}, {begins[1]:.0f}), the catheter of this session at "
                 f"({self._base[0]:.0f}, {self._base[1]:.0f})",
             )
-        right = probability(line, self._log_odds)
+        right = probability(line, prior.log_odds)
         least = vision.least_probability if vision.nominal_px else vision.settings.least_probability
         if right < least:
             return DetectedShape(
-                Status.CUT_OFF,
+                Status.CUT_OFF if right > MIN_UNCLEAR_PROBABILITY else Status.NO_CATHETER,
                 f"the line to ({end[0]:.0f}, {end[1]:.0f}) is the catheter with a probability of {right:.0%} only",
             )
         hidden = line.tip_seen < MIN_TIP_SEEN

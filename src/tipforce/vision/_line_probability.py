@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..types import FloatArray
 from .locator import Located
 
 MAX_LOGIT = 6.0
@@ -31,9 +32,21 @@ class LineFeatures(NamedTuple):
     """Median distance of the rough points from the line, in diameters."""
 
 
-INTERCEPT = -12.301
-WEIGHTS = LineFeatures(0.105, 4.98, 1.37, -2.14, 4.24, -2.63, -1.69)
-"""Weights of a logistic regression on simulated sessions that were not used in training: docs/results/locator.md."""
+MAX_SCORE = 3.0
+"""A feature further from the mean, in standard deviations, says no more."""
+# BEGIN: printed by python -m bench.locator.probability
+MEANS = np.array([3.73, -0.338, 5.86, -3.7, -0.125, 0.0948, 0.154])
+SPREADS = np.array([1.82, 0.226, 0.746, 0.545, 0.152, 0.817, 0.183])
+WEIGHTS = np.array([
+    2.22, 0.813, 0.483, 0.409, -0.278, 0.0171, -1.08, -0.392, -0.0667, -0.00505, 0.0809, 0.105,
+    0.134, -0.282, 0.0234, 0.0294, -0.044, 0.0513, -0.291, 0.122, -0.158, -0.0669, 0.202, 0.214,
+    0.0796, -0.0551, -0.132, -0.155, 0.0408, 0.0749, -0.197, -0.297, 0.22, 0.0113, -0.505, 0.17,
+])  # fmt: skip
+XRAY_LOG_ODDS = -1.28
+# END
+"""Weights of a logistic regression on the features, standardised, and their products, and the logit by which lines in
+X-ray images are right less often: simulated sessions and composed scenes that were not used in training,
+docs/results/locator.md."""
 
 PRIOR_STD = 1.5
 """Standard deviation of ``log_odds`` before a line of the fine-tuned detector is judged."""
@@ -53,19 +66,26 @@ def line_features(line: Located) -> LineFeatures:
     )
 
 
+def standardised(features: FloatArray) -> FloatArray:
+    """Returns (n, k): 1, the standardised ``features`` (n, 7), and the products of each two of them."""
+    scores = np.clip((features - MEANS) / SPREADS, -MAX_SCORE, MAX_SCORE)
+    rows, columns = np.triu_indices(scores.shape[1])
+    return np.hstack([np.ones((len(scores), 1)), scores, scores[:, rows] * scores[:, columns]])
+
+
 def probability(line: Located, log_odds: float = 0.0) -> float:
     """Returns the probability that ``line`` is right.
 
     Args:
         line: a line of the locator.
-        log_odds: by this much a fine-tuned detector's lines are right more often (logit) than those of tipforce's own.
+        log_odds: logit by which lines of this session are right more often: of its detector, and of X-ray.
     """
     return 1.0 / (1.0 + math.exp(-min(max(line_log_odds(line) + log_odds, -30.0), 30.0)))
 
 
 def line_log_odds(line: Located) -> float:
     """Returns the logit of the probability that ``line`` of tipforce's own networks is right."""
-    return INTERCEPT + sum(weight * sign for weight, sign in zip(WEIGHTS, line_features(line), strict=True))
+    return float((standardised(np.array([line_features(line)])) @ WEIGHTS)[0])
 
 
 def fitted_log_odds(scores: Sequence[float], right: Sequence[bool]) -> float:

@@ -22,13 +22,22 @@ _ONE, _MANY, _MOST = 0.01, 0.03, 0.08
 """Least tolerance of a length that was learnt in one session, in many, and the largest."""
 
 
+def stated_size_px(info: SessionInfo, view: str) -> tuple[float | None, float | None]:
+    """Returns the stated length and diameter of the catheter in the image; None where one or the scale is open."""
+    catheter, scale = info.catheter, info.view(view).metres_per_px
+    if scale is None:
+        return None, None
+    flexible_m = catheter.flexible_length_m
+    return (
+        None if flexible_m is None else round((flexible_m + (catheter.rigid_length_m or 0.0)) / scale, 2),
+        None if catheter.diameter_m is None else round(catheter.diameter_m / scale, 3),
+    )
+
+
 def nominal_px(info: SessionInfo, view: str) -> tuple[float, float] | None:
     """Returns the stated length and diameter of the catheter in the image; None where these or the scale are open."""
-    catheter, scale = info.catheter, info.view(view).metres_per_px
-    if scale is None or catheter.diameter_m is None or catheter.flexible_length_m is None:
-        return None
-    length_m = catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)
-    return round(length_m / scale, 2), round(catheter.diameter_m / scale, 3)
+    length_px, diameter_px = stated_size_px(info, view)
+    return None if length_px is None or diameter_px is None else (length_px, diameter_px)
 
 
 def with_view(settings: VisionSettings, info: SessionInfo) -> VisionSettings:

@@ -65,7 +65,7 @@ class VisionSettings(BaseModel):
     detector: str | None = None
     """Folder of a locator that `tipforce annotate` fine-tuned. None: the one of the session's view, else the one that
     comes with tipforce."""
-    least_probability: Annotated[float, Field(ge=0, le=1)] = 0.8
+    least_probability: Annotated[float, Field(ge=0, le=1)] = 0.85
     """A frame whose centreline is right with less probability is refused, where the length of the catheter was learnt
     in images of its session. 0: none is."""
 
@@ -107,6 +107,8 @@ class LocatorPrior(BaseModel):
     length_std_px: _FoundPx
     """Standard error of the length."""
     diameter_px: _FoundPx
+    log_odds: Annotated[float, Field(ge=-30, le=30)] = 0.0
+    """Logit by which its lines are right more often than those of the shipped networks in camera images."""
     tracer: bool
     """The tracer finds the same line, and is asked first: it is faster and more accurate."""
 

@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ...vision.locator import GUESSED_ASPECT, measured_diameter
+from ...vision.locator import straightened, strip_input
 from ._fine_tune import FineTuned, FineTuneSettings, Progress, Windows, ahead, trained
 from ._labels import SEEN, LabelledImage
 from ._line_network import LineNetwork, line_loss
@@ -25,8 +25,8 @@ MARK_ERROR_DIAMETERS = 0.3
 """Error of an annotated line across the shaft."""
 MIN_LOG_SPREAD = -2.5
 """An offset that the network before is surer of is not held more tightly."""
-DIAMETER_ROUNDS = 3
-"""The diameter is measured this often, at first from a guess."""
+DIAMETER_ROUNDS, GUESSED_ASPECT = 3, 16.0
+"""The diameter is read this often, at first from a strip in which the length is this number of diameters."""
 MIN_DIAMETER_PX = 2.0
 MIN_SEEN_SHARE = 0.4
 """A window of which less is seen teaches nothing about strips."""
@@ -50,7 +50,7 @@ def fine_tune_line(
     """
     before = copy.deepcopy(network).eval().requires_grad_(False)
     tuned = copy.deepcopy(network).eval().requires_grad_(True)
-    marked = [_source(each) for each in annotated if each.present]
+    marked = [_source(each, before) for each in annotated if each.present]
     others = [
         StripSource(image, line.astype(np.float64), state, float(facts[1]))
         for image, line, state, facts in zip(*(rehearsal[n] for n in ("image", "line", "state", "facts")), strict=True)
@@ -79,14 +79,17 @@ def fine_tune_line(
         return trained(tuned, loss, settings, on_progress)
 
 
-def _source(image: LabelledImage) -> StripSource:
-    """Returns an annotated image with the diameter that is measured along its line, where none is known."""
+@torch.no_grad()
+def _source(image: LabelledImage, network: LineNetwork) -> StripSource:
+    """Returns an annotated image with the diameter that ``network`` reads along its line, where none is known."""
     diameter_px = image.diameter_px
     if not math.isfinite(diameter_px):
         length_px = float(np.linalg.norm(np.diff(image.line_px, axis=0), axis=1).sum())
         diameter_px = max(length_px / GUESSED_ASPECT, MIN_DIAMETER_PX)
         for _ in range(DIAMETER_ROUNDS):
-            diameter_px = measured_diameter([image.image], [image.line_px], diameter_px)
+            strip = straightened(image.image, image.line_px, diameter_px)
+            values = torch.from_numpy(strip_input(strip.values, strip.inside))[None]
+            diameter_px = max(diameter_px * math.exp(float(network(values)[6])), MIN_DIAMETER_PX)
     return StripSource(image.image, image.line_px, image.state, diameter_px)
 
 
@@ -101,9 +104,9 @@ def _annotated_loss(found: tuple[Tensor, ...], shipped: tuple[Tensor, ...], want
 
 def _change(found: tuple[Tensor, ...], shipped: tuple[Tensor, ...]) -> Tensor:
     """Returns how far the outputs are from the ``shipped`` ones, in the units of `line_loss`."""
-    offset, spread, base, tip, seen, right = found
+    offset, spread, base, tip, seen, right, width = found
     total = ((offset - shipped[0]).abs() * torch.exp(-shipped[1].clamp_min(MIN_LOG_SPREAD))).mean()
-    total = total + (spread - shipped[1]).abs().mean()
+    total = total + (spread - shipped[1]).abs().mean() + (width - shipped[6]).abs().mean()
     for ends, old in ((base, shipped[2]), (tip, shipped[3])):
         log_new, log_old = F.log_softmax(ends, -1), F.log_softmax(old, -1)
         total = total + 0.3 * F.kl_div(log_new, log_old, reduction="batchmean", log_target=True)

@@ -39,10 +39,11 @@ class _Residual(nn.Module):
 
 
 class LineNetwork(nn.Module):
-    """(b, 3, ACROSS, ALONG) -> six tensors, (b, ALONG) but the last.
+    """(b, 3, ACROSS, ALONG) -> seven tensors, (b, ALONG) but the last two.
 
     Offset of the axis in diameters, logarithm of its scale of error, logits of base and tip, logit that the station is
-    seen, and (b,) the logit that the strip is the catheter's.
+    seen, (b,) the logit that the strip is the catheter's, and (b,) the logarithm of the true diameter over the one that
+    the strip was made with.
     """
 
     def __init__(self, first: int = 24, second: int = 32, width: int = 96) -> None:
@@ -56,21 +57,23 @@ class LineNetwork(nn.Module):
             nn.ReLU(inplace=True),
         )
         self.along = nn.Sequential(*[_Residual(width, dilation) for dilation in (1, 2, 4, 8, 16)])
-        self.head = nn.Conv2d(width, 6, 1)
+        self.head = nn.Conv2d(width, 7, 1)
 
-    def forward(self, strip: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    def forward(self, strip: Tensor) -> tuple[Tensor, ...]:
         y = self.head(self.along(self.across(self.front(strip))))[:, :, 0]
-        return y[:, 0], y[:, 1].clamp(-6.0, 3.0), y[:, 2], y[:, 3], y[:, 5], y[:, 4].mean(-1)
+        seen = torch.sigmoid(y[:, 5])
+        width = (seen * y[:, 6]).sum(-1) / seen.sum(-1).clamp_min(1.0)
+        return y[:, 0], y[:, 1].clamp(-6.0, 3.0), y[:, 2], y[:, 3], y[:, 5], y[:, 4].mean(-1), width
 
 
 def line_loss(found: tuple[Tensor, ...], wanted: dict[str, Tensor]) -> Tensor:
-    """Returns the negative log-likelihood of the offsets (Laplace) plus cross entropies of the other outputs.
+    """Returns the negative log-likelihood of the offsets (Laplace) plus the losses of the other outputs.
 
     Args:
         found: outputs of `LineNetwork`.
         wanted: fields of `StripTarget` by name, (b, ...) each.
     """
-    offset, log_scale, base, tip, seen, right = found
+    offset, log_scale, base, tip, seen, right, log_width = found
     share = wanted["asked"].float()
     off = (offset - wanted["offset"]).abs() * torch.exp(-log_scale) + log_scale
     total = (off * share).sum() / share.sum().clamp_min(1.0)
@@ -78,6 +81,8 @@ def line_loss(found: tuple[Tensor, ...], wanted: dict[str, Tensor]) -> Tensor:
     visible = F.binary_cross_entropy_with_logits(seen, wanted["seen"], reduction="none")
     total = total + 0.7 * (visible * judged).sum() / judged.sum().clamp_min(1.0)
     total = total + 0.5 * F.binary_cross_entropy_with_logits(right, wanted["right"])
+    is_right = wanted["right"]
+    total = total + ((log_width - wanted["log_width"]).abs() * is_right).sum() / is_right.sum().clamp_min(1.0)
     grid = torch.arange(ALONG, dtype=torch.float32)
     for logits, end in ((base, wanted["ends"][:, 0]), (tip, wanted["ends"][:, 1])):
         peak = torch.exp(-0.5 * ((grid - end[:, None]) / TARGET_SIGMA_STATIONS) ** 2)

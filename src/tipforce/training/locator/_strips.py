@@ -18,19 +18,23 @@ MAX_OFFSET_DIAMETERS = 1.4
 """The axis of a station further off is not learnt."""
 WRONG_SHARE = 0.25
 """Share of the strips along other lines than the catheter's."""
-DIAMETER_ERROR = 0.05
-"""Relative error of a known diameter."""
+GUESSED_SHARE, MAX_GUESS_RATIO, DIAMETER_ERROR = 0.2, 2.5, 0.05
+"""Share of the strips whose diameter is only guessed, wrong by this factor at most, and the error of a known one."""
 _GREY = np.array([[0.299], [0.587], [0.114]], np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripSource:
-    """``image`` (h, w, 3) uint8 with the true ``line`` (n, 2) px, base to tip, and the ``state`` (n,) of its points."""
+    """``image`` (h, w, 3) uint8 with the true ``line`` (n, 2) px, base to tip, and the ``state`` (n,) of its points.
+
+    Not ``present``: the catheter is missing, and ``line`` is where it would be.
+    """
 
     image: npt.NDArray[np.uint8]
     line: Float
     state: npt.NDArray[np.uint8]
     diameter_px: float
+    present: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +42,8 @@ class StripTarget:
     """``strip`` (3, ACROSS, ALONG), and the line, visibility and ends that the network learns.
 
     ``offset`` (ALONG,) of the true axis where ``asked``; ``seen`` (ALONG,) where ``judged``; ``ends`` (2,): stations of
-    base and tip, -1 where they are not asked for; ``right``: 1 where the strip is the catheter's.
+    base and tip, -1 where they are not asked for; ``right``: 1 where the strip is the catheter's. ``log_width``:
+    logarithm of the true diameter over the strip's.
     """
 
     strip: npt.NDArray[np.float32]
@@ -48,6 +53,7 @@ class StripTarget:
     judged: npt.NDArray[np.bool_]
     ends: npt.NDArray[np.float32]
     right: np.float32
+    log_width: np.float32
 
 
 STRIP_FIELDS = tuple(field.name for field in fields(StripTarget))
@@ -60,21 +66,24 @@ def strip_target(source: StripSource, rng: np.random.Generator) -> StripTarget:
         source: the image with its catheter.
         rng: source of the line and of the light.
     """
-    diameter_px = source.diameter_px * math.exp(rng.normal(0.0, DIAMETER_ERROR))
+    guessed = rng.random() < GUESSED_SHARE
+    log_ratio = rng.uniform(-1.0, 1.0) * math.log(MAX_GUESS_RATIO) if guessed else rng.normal(0.0, DIAMETER_ERROR)
+    diameter_px = source.diameter_px * math.exp(log_ratio)
     line = evenly(source.line, LINE_POINTS)
     state = source.state[np.linspace(0, len(source.state) - 1, LINE_POINTS).round().astype(int)]
-    wrong = rng.random() < WRONG_SHARE
+    wrong = not source.present or rng.random() < WRONG_SHARE
     hidden_from = int(np.flatnonzero(state == SEEN).max(initial=0)) / (LINE_POINTS - 1.0)
     guess = (
         _elsewhere(line, diameter_px, source.image.shape, rng)
-        if wrong
+        if wrong and (source.present or rng.random() < 0.5)
         else _disturbed(line, diameter_px, hidden_from, rng)
     )
     strip = straightened(source.image, guess, diameter_px)
     offset, near, at = _offsets(line, strip.points, strip.normals, diameter_px)
     (base, base_off), (tip, tip_off) = (_station(strip.points, end) for end in (line[0], line[-1]))
     right = not wrong or bool(
-        near.sum() > 0.72 * ALONG
+        source.present
+        and near.sum() > 0.72 * ALONG
         and 0.0 <= base < 0.3 * ALONG
         and 0.7 * ALONG < tip <= ALONG - 1
         and max(base_off, tip_off) < 1.5 * diameter_px
@@ -96,7 +105,7 @@ def strip_target(source: StripSource, rng: np.random.Generator) -> StripTarget:
     judged = inside if right else np.zeros(ALONG, bool)
     return StripTarget(
         values, offset.astype(np.float32), near & inside & right, seen.astype(np.float32), judged, ends,
-        np.float32(right),
+        np.float32(right), np.float32(-log_ratio),
     )  # fmt: skip
 
 
@@ -126,17 +135,19 @@ def _disturbed(line: Float, diameter_px: float, hidden_from: float, rng: np.rand
 
 
 def _elsewhere(line: Float, diameter_px: float, shape: tuple[int, ...], rng: np.random.Generator) -> Float:
-    """A line like ``line`` that is not the catheter's: along the sheath, from the tip back, turned, anywhere."""
-    kind = rng.random()
-    if kind < 0.3:
+    """A line that is not the catheter's: with the sheath or along it, from the tip back, turned, anywhere."""
+    kind, size = rng.random(), np.array([shape[1], shape[0]])
+    if kind < 0.25 and ((line[0] > 3.0) & (line[0] < size - 4.0)).all():
+        root = line[0] + (line[0] - line[len(line) // 8]) * 8.0 * np.linspace(rng.uniform(0.5, 2.5), 0.02, 80)[:, None]
+        return evenly(np.vstack([root, line]), len(line))
+    if kind < 0.4:
         return line + (line[-1] - line[0]) * rng.uniform(0.25, 0.6) * rng.choice([-1.0, 1.0])
-    if kind < 0.5:
+    if kind < 0.55:
         return line[::-1]
     turn = rng.normal(0.0, 0.5)
     matrix = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
     if kind < 0.8:
         return (line - line[0]) @ matrix.T + line[0] + rng.normal(0.0, 0.3, 2) * diameter_px
-    size = np.array([shape[1], shape[0]])
     return (line - line.mean(axis=0)) @ matrix.T + rng.uniform(0.1, 0.9, 2) * size
 
 

@@ -1,10 +1,10 @@
 """The locator: two trained networks that find the catheter, with all that is stated as their prompts."""
 
-from ._locate import GUESSED_ASPECT, Located, as_colour, locate, read_points, rough_line
+from ._locate import Located, as_colour, locate, read_points, rough_line
 from ._networks import DETECTOR_FACTS, DETECTOR_GRAPHS, RoughPoints
 from ._prompts import Prompts
 from ._reading import Known
-from ._session import MIN_FRAMES, SessionConstants, measured_diameter, session_constants
+from ._session import MIN_FRAMES, SessionConstants, session_constants
 from ._strip import ACROSS, ALONG, HALF_WIDTH, evenly, straightened, strip_input
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "ALONG",
     "DETECTOR_FACTS",
     "DETECTOR_GRAPHS",
-    "GUESSED_ASPECT",
     "HALF_WIDTH",
     "MIN_FRAMES",
     "Known",
@@ -23,7 +22,6 @@ __all__ = [
     "as_colour",
     "evenly",
     "locate",
-    "measured_diameter",
     "read_points",
     "rough_line",
     "session_constants",

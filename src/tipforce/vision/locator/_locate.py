@@ -1,9 +1,9 @@
 """Locates the catheter in one image: rough points by the first network, then the line by the second.
 
 The first network reads the whole image with its prompts. The second reads the strip of image along the line through
-these points, twice: the second time along its own line. The end of the line is where the posterior of the tip is
-highest: the second network's distribution times the session's length with its standard error. So a hidden tip is at
-that length, with a standard deviation that says so.
+these points, twice: the second time along its own line, and in the width that it finds. The end of the line is where
+the posterior of the tip is highest: the second network's distribution times the session's length with its standard
+error. So a hidden tip is at that length, with a standard deviation that says so.
 """
 
 import math
@@ -36,7 +36,7 @@ _OUTLIER_PX = 10.0
 """A point this far in px of the network's image from the others' line weighs half."""
 HINT_STD_SHARE = 0.04
 """Standard deviation of the ends that the first network finds, in lengths of the catheter."""
-SEEN_STD_FACTOR, HIDDEN_STD_FACTOR = 0.65, 2.5
+SEEN_STD_FACTOR, HIDDEN_STD_FACTOR = 0.65, 1.3
 """The errors of a visible tip are this much smaller than the posterior says, those of hidden points this much larger:
 measured on `varied` and `generalise`, docs/results/locator.md."""
 MIN_SAMPLES = 8
@@ -45,8 +45,10 @@ BEND_POINTS = 24
 """Number of points at which the curvature is measured."""
 MIN_PRESENT, MIN_MASS = 0.3, 0.12
 """An image with less is without a catheter."""
-GUESSED_ASPECT = 16.0
-"""Length of a catheter in diameters where its diameter is not known."""
+GUESSED_ASPECT, MIN_DIAMETER_PX = 16.0, 2.0
+"""Length of a catheter in diameters where its diameter is not known, and its least diameter."""
+ROUNDS = 2
+"""The strip is read this often, once more where the diameter is not stated: each time along the line found before."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +70,7 @@ class Located:
         spread: median standard deviation across the seen part, diameters.
         bend: largest curvature of the line, in 1 / length.
         misfit: median distance of the rough points from the line, diameters.
+        diameter_px: diameter of the shaft: the stated one, or else the second network's.
         darker: whether the shaft is darker than the ground beside it.
         other_base_px: (2,) u, v of the second most probable base.
         other_base_mass: its probability.
@@ -87,6 +90,7 @@ class Located:
     spread: float
     bend: float
     misfit: float
+    diameter_px: float
     darker: bool
     other_base_px: FloatArray
     other_base_mass: float
@@ -131,8 +135,8 @@ def read_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | 
 
 
 def sureness(read: RoughPoints) -> float:
-    """Returns how sure the points of a reading are, 0 to 1."""
-    return float(read.mass.mean()) * read.present
+    """Returns how sure the points of a reading are, and that the base is where it is stated; 0 to 1."""
+    return float(read.mass.mean()) * read.present * read.in_region
 
 
 def _read_at(image: npt.NDArray[np.uint8], prompts: Prompts, scale: float, network: Path | None) -> RoughPoints:
@@ -173,20 +177,21 @@ def locate(
     colour = as_colour(image)
     read = read_points(colour, prompts, network)
     line = rough_line(read)
-    diameter_px = prompts.diameter_px or max(float(arc_length(line)[-1]) / GUESSED_ASPECT, 2.0)
+    diameter_px = prompts.diameter_px or max(float(arc_length(line)[-1]) / GUESSED_ASPECT, MIN_DIAMETER_PX)
     if not _long_enough(line, colour.shape):
         return None
     size_px = float(arc_length(line)[-1])
     hint = Hint(read.points[0], read.points[-1], HINT_STD_SHARE * size_px, float(read.states[0, OUTSIDE]))
-    once = read_strip(colour, of_length(line, known), diameter_px, hint, known, network)
-    line = line[:0] if once is None else _inside(once.line(), colour.shape)
-    if once is None or len(line) < MIN_SAMPLES:
-        return None
-    twice = read_strip(colour, of_length(line, known), diameter_px, hint, known, network)
-    line = line[:0] if twice is None else _inside(twice.line(), colour.shape)
-    if twice is None or len(line) < MIN_SAMPLES:
-        return None
-    return _located(read, once, twice, line, diameter_px, points)
+    readings: list[Reading] = []
+    for _ in range(ROUNDS if prompts.diameter_px else ROUNDS + 1):
+        reading = read_strip(colour, of_length(line, known), diameter_px, hint, known, network)
+        line = line[:0] if reading is None else _inside(reading.line(), colour.shape)
+        if reading is None or len(line) < MIN_SAMPLES:
+            return None
+        readings.append(reading)
+        if prompts.diameter_px is None:
+            diameter_px = max(diameter_px * reading.read.width, MIN_DIAMETER_PX)
+    return _located(read, readings[-2], readings[-1], line, diameter_px, points)
 
 
 def _long_enough(line: FloatArray, shape: tuple[int, ...]) -> bool:
@@ -231,6 +236,7 @@ def _located(
         spread=float(np.median(spread[shaft])) if shaft.any() else float(np.median(spread)),
         bend=float(np.abs(turns).max()) * BEND_POINTS,
         misfit=float(np.median(apart)) / diameter_px,
+        diameter_px=diameter_px,
         darker=bool(np.median(grey[_AXIS]) < np.median(grey[_BESIDE])),
         other_base_px=read.other_base,
         other_base_mass=read.other_mass,

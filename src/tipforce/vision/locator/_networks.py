@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...types import FloatArray
+from ...types import Box, FloatArray
 from ._prompts import CHANNELS, SIZES, Prompts, channels
 from ._strip import Strip, strip_input
 
@@ -35,12 +35,13 @@ class RoughPoints(NamedTuple):
     """Result of the first network for one image.
 
     Attributes:
-        points: (`POINTS`, 2) u, v in px of the network's image, base to tip.
+        points: (`POINTS`, 2) u, v in px of the network's image, base to tip; the base is in a stated region.
         mass: (`POINTS`,) probability that the point is within a cell of its peak.
         states: (`POINTS`, 3) probabilities of outside the image, hidden and seen.
         present: probability that a catheter is in the image.
         other_base: (2,) u, v of the second most probable base in px of the network's image.
         other_mass: its probability.
+        in_region: probability that the base is in the stated region, by the image; 1 where none is stated.
     """
 
     points: FloatArray
@@ -49,10 +50,11 @@ class RoughPoints(NamedTuple):
     present: float
     other_base: FloatArray
     other_mass: float
+    in_region: float
 
 
 class Offsets(NamedTuple):
-    """Result of the second network for a strip; each (ALONG,) but ``right``."""
+    """Result of the second network for a strip; each (ALONG,) but the last two."""
 
     offset: FloatArray
     """Distance of the axis along the normal, in diameters."""
@@ -66,6 +68,8 @@ class Offsets(NamedTuple):
     """Probability that the catheter is visible at this station."""
     right: float
     """Logit: the strip is the catheter's."""
+    width: float
+    """True diameter over the one that the strip was made with."""
 
 
 def _graph(folder: Path | None, number: int) -> Any:
@@ -105,6 +109,11 @@ def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path |
     values[0, sizes:] = planes[SIZES[0] :, :1, :1]  # a size is stated beyond the image's border, too
     heat, states, present = _graph(network, 0).run(None, {"image": values})
     shares = _shares(heat[0].astype(np.float64))
+    in_region = 1.0
+    if prompts.region is not None:
+        all_of_it = max(float(shares[0].sum()), 1e-12)
+        shares[0] *= _cells_in(prompts.region, *shares[0].shape)
+        in_region = float(shares[0].sum()) / all_of_it
     points, mass = _peaks(shares)
     base = shares[:1].copy()
     column, row = np.rint((points[0] + 0.5) / STRIDE - 0.5).astype(int)
@@ -114,8 +123,16 @@ def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path |
     weights = np.exp(states[0].astype(np.float64) - states[0].max(axis=1, keepdims=True))
     there = 1.0 / (1.0 + float(np.exp(-present[0])))
     return RoughPoints(
-        points, mass, weights / weights.sum(axis=1, keepdims=True), there, other[0], float(other_mass[0])
-    )
+        points, mass, weights / weights.sum(axis=1, keepdims=True), there, other[0], float(other_mass[0]),
+        in_region,
+    )  # fmt: skip
+
+
+def _cells_in(region: Box, rows: int, columns: int) -> npt.NDArray[np.bool_]:
+    """Returns (rows, columns): the cells of a heat map that touch ``region``, or the next one."""
+    u0, v0, u1, v1 = (edge / STRIDE for edge in region)
+    u, v = np.arange(columns), np.arange(rows)
+    return ((v > v0 - 2.0) & (v < v1 + 1.0))[:, None] & ((u > u0 - 2.0) & (u < u1 + 1.0))
 
 
 def _shares(logits: FloatArray) -> FloatArray:
@@ -143,7 +160,7 @@ def _peaks(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
 def refine(strip: Strip, network: Path | None = None) -> Offsets:
     """Reads ``strip``; ``network``: folder of fine-tuned networks."""
     values = strip_input(strip.values, strip.inside)[None]
-    offset, log_spread, base, tip, seen, right = _graph(network, 1).run(None, {"strip": values})
+    offset, log_spread, base, tip, seen, right, log_width = _graph(network, 1).run(None, {"strip": values})
     return Offsets(
         offset[0].astype(np.float64),
         np.exp(log_spread[0].astype(np.float64)),
@@ -151,6 +168,7 @@ def refine(strip: Strip, network: Path | None = None) -> Offsets:
         _softmax(tip[0].astype(np.float64)),
         1.0 / (1.0 + np.exp(-seen[0].astype(np.float64))),
         float(right[0]),
+        float(np.exp(log_width[0])),
     )
 
 

@@ -17,10 +17,9 @@ from ...errors import InputError, NoCatheterError
 from ...geometry import arc_length
 from ...types import Box, FloatArray, Image
 from .._clamp import INWARD
-from ._locate import GUESSED_ASPECT, Located, as_colour, locate, read_points, rough_line, sureness
+from ._locate import GUESSED_ASPECT, MIN_DIAMETER_PX, Located, as_colour, locate, read_points, rough_line, sureness
 from ._prompts import Prompts
 from ._reading import Known
-from ._strip import ACROSS, HALF_WIDTH, straightened
 
 POINTS = 64
 MIN_SHARE = 0.3
@@ -123,6 +122,13 @@ def session_constants(
     length, error = _length(kept, base, stated if in_view else None)
     if prompts.region is not None and not _in_box(base, prompts.region, sized.diameter_px):
         raise InputError(f"the object found begins at ({base[0]:.0f}, {base[1]:.0f}), outside base_region")
+    if prompts.border is not None:
+        inward = _inward_rad(prompts.border)
+        if 2 * sum(_points_inward(line, inward) for line in kept) <= len(kept):
+            raise InputError(
+                f"the object found at ({base[0]:.0f}, {base[1]:.0f}) does not come from the side that is stated, "
+                f"{prompts.border}"
+            )
     if prompts.length_px is not None and not MIN_LENGTH_RATIO < length / prompts.length_px < MAX_LENGTH_RATIO:
         raise InputError(
             f"the object found is {length:.0f} px long, the stated length is {prompts.length_px:.0f} px: correct the "
@@ -159,29 +165,15 @@ def _measured_size(frames: Sequence[Image], prompts: Prompts, network: Path | No
     """Returns the length and the diameter, px, that are not stated, from the surest half of the images."""
     reads = [(read_points(as_colour(frame), prompts, network), frame) for frame in frames]
     reads.sort(key=lambda pair: -sureness(pair[0]))
-    surest = [(rough_line(read), frame) for read, frame in reads[: (len(reads) + 1) // 2]]
-    lengths = [float(arc_length(line)[-1]) for line, _ in surest]
+    surest = reads[: (len(reads) + 1) // 2]
+    lengths = [float(arc_length(rough_line(read))[-1]) for read, _ in surest]
     length = prompts.length_px or max(statistics.median(lengths), 4.0)
     diameter = prompts.diameter_px
     if diameter is None:
-        diameter = max(length / GUESSED_ASPECT, 2.0)
-        for _ in range(3):
-            diameter = measured_diameter([frame for _, frame in surest], [line for line, _ in surest], diameter)
+        lines = [locate(frame, replace(prompts, length_px=length), POINTS, None, network) for _, frame in surest]
+        diameters = [line.diameter_px for line in lines if line is not None]
+        diameter = statistics.median(diameters) if diameters else max(length / GUESSED_ASPECT, MIN_DIAMETER_PX)
     return {"length_px": length, "diameter_px": diameter}
-
-
-def measured_diameter(frames: Sequence[Image], lines: Sequence[FloatArray], guess_px: float) -> float:
-    """Returns the diameter in px: twice the distance of the clearest flanks from the ``lines`` (n, 2)."""
-    steps = np.zeros(ACROSS - 1)
-    for frame, line in zip(frames, lines, strict=True):
-        strip = straightened(as_colour(frame), line, guess_px)
-        middle = strip.values[:, ACROSS // 4 : -ACROSS // 4]
-        steps += np.median(np.abs(np.diff(middle, axis=0)).sum(axis=2), axis=1)
-    both = np.minimum(steps, steps[::-1]) + 0.2 * (steps + steps[::-1])
-    at = np.linspace(-HALF_WIDTH, HALF_WIDTH, ACROSS)
-    away = np.abs(0.5 * (at[1:] + at[:-1]))
-    both[away < 0.15] = 0.0
-    return max(2.0 * float(away[int(both.argmax())]) * guess_px, 2.0)
 
 
 def _chosen(
@@ -278,8 +270,9 @@ def _length(lines: Sequence[Located], base_px: FloatArray, stated: Known | None)
         nearest = int(np.linalg.norm(line.points - base_px, axis=1).argmin())
         lengths.append(float(arc[-1] - arc[nearest]))
     middle = statistics.median(lengths)
-    near = [length - middle for length in lengths if abs(length / middle - 1.0) < MAX_LENGTH_CHANGE_SHARE]
-    scatter = math.sqrt(statistics.fmean(off**2 for off in near))
+    off = [length - middle for length in lengths]
+    near = [each for each in off if abs(each) < MAX_LENGTH_CHANGE_SHARE * middle]
+    scatter = math.sqrt(statistics.fmean(each**2 for each in near or off))
     error = max(
         math.hypot(scatter, ONE_LENGTH_STD_SHARE * middle) / math.sqrt(len(seen)), MIN_LENGTH_STD_SHARE * middle
     )
