@@ -1,7 +1,9 @@
 """Reads a multi-frame DICOM file (XA, or any other with grey or RGB pixels) as frames with their own stamps."""
 
 import importlib
+import sys
 from collections.abc import Iterator
+from datetime import datetime
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,8 +14,9 @@ import numpy.typing as npt
 from .._system.extras import import_extra
 from ..errors import FileFormatError, TimeError
 from ..types import Frame, Image
+from ._dicom_view import DicomView, view_from_header
 from ._image_size import check_pixels
-from ._square_pixels import square_pixels
+from ._square_pixels import square_pixels, square_size
 
 _MAGIC_AT = 128
 
@@ -53,15 +56,63 @@ def _read(path: Path, *, pixels: bool) -> Any:
         raise FileFormatError(f"{path}: cannot be read as DICOM ({error}); copy it again from its archive") from None
 
 
+def _check_decoder(path: Path, data: Any) -> None:
+    """Raises FileFormatError where the images are compressed in a way that cannot be decoded here."""
+    syntax = getattr(data.file_meta, "TransferSyntaxUID", None)
+    if syntax is None or not syntax.is_compressed or not syntax.is_encapsulated:
+        return
+    pixels: Any = importlib.import_module("pydicom.pixels")
+    try:
+        decoder, known = pixels.get_decoder(syntax), True
+    except NotImplementedError:
+        decoder, known = None, False
+    if decoder is not None and decoder.is_available:
+        return
+    install = f"`{sys.executable} -m pip install python-gdcm`, or " if known else ""
+    raise FileFormatError(
+        f"{path}: its images are compressed ({syntax.name}), and no decoder for them is installed; {install}save it "
+        f"uncompressed: gdcmconv --raw {path.name} {path.stem}-raw.dcm"
+    )
+
+
+def _start_ns(data: Any) -> int | None:
+    """Returns ContentDate and ContentTime, from which FrameDelay counts; None where no time is stated."""
+    clock = str(data.get("ContentTime") or "")
+    digits, _, fraction = clock.partition(".")
+    if not (digits.isdecimal() and len(digits) == 6 and (not fraction or fraction.isdecimal())):
+        return None
+    seconds = int(digits[:2]) * 3600 + int(digits[2:4]) * 60 + int(digits[4:])
+    day = str(data.get("ContentDate") or "")
+    try:
+        seconds += 86_400 * datetime.strptime(day, "%Y%m%d").toordinal() if day else 0
+    except ValueError:
+        return None
+    return seconds * 1_000_000_000 + int(f"{fraction:0<9}"[:9])
+
+
 class DicomFile:
     """A DICOM file that can be read any number of times.
 
     Raises MissingExtraError without pydicom, and FileFormatError.
+
+    Attributes:
+        path: the file.
+        frame_count: number of its frames.
+        view: geometry that the header states.
+        start_ns: time of its clock's zero; None where it is not stated.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.frame_count = _checked_count(path, _read(path, pixels=False))
+        data = _read(path, pixels=False)
+        self.frame_count = _checked_count(path, data)
+        _check_decoder(path, data)
+        try:
+            size = square_size(int(data.Columns), int(data.Rows), _aspect(data))
+        except Exception:  # see `_checked_count`
+            raise FileFormatError(f"{path}: its header is damaged; copy it again from its archive") from None
+        self.view: DicomView = view_from_header(data, *size)
+        self.start_ns = _start_ns(data)
 
     def frames(self, view: str = "camera") -> Iterator[Frame]:
         """Yields all frames, 8 bit, with square pixels: grey where the file is grey, else RGB.
@@ -75,16 +126,20 @@ class DicomFile:
         """
         return _frames(self.path, view)
 
+    def span_ns(self) -> tuple[int, int]:
+        """Returns the stamps of the first and the last frame; raises the errors of `frames`."""
+        data = _read(self.path, pixels=False)
+        stamps = _checked_stamps_ns(self.path, data, self.frame_count)
+        return stamps[0], stamps[-1]
+
 
 def _frames(path: Path, view: str) -> Iterator[Frame]:
     data = _read(path, pixels=True)
     count = _checked_count(path, data)
+    stamps = _checked_stamps_ns(path, data, count)
     try:
         coloured, stored = int(data.get("SamplesPerPixel", 1)) == 3, int(data.get("BitsStored", 8))
         signed, aspect = bool(int(data.get("PixelRepresentation") or 0)), _aspect(data)
-        stamps = _stamps_ns(path, data, count)
-    except TimeError:
-        raise
     except Exception as error:  # see `_checked_count`
         raise FileFormatError(f"{path}: its header is damaged ({error}); copy it again from its archive") from None
     if signed:
@@ -122,6 +177,16 @@ def _aspect(data: Any) -> Fraction:
             down, across = (Fraction(float(each)).limit_denominator(10_000) for each in stated)
             return across / down
     return Fraction(1)
+
+
+def _checked_stamps_ns(path: Path, data: Any, count: int) -> list[int]:
+    """Returns the stamps of the frames; raises FileFormatError where the header is damaged, and TimeError."""
+    try:
+        return _stamps_ns(path, data, count)
+    except TimeError:
+        raise
+    except Exception as error:  # see `_checked_count`
+        raise FileFormatError(f"{path}: its header is damaged ({error}); copy it again from its archive") from None
 
 
 def _stamps_ns(path: Path, data: Any, count: int) -> list[int]:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from heapq import merge
 from itertools import islice
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from .._system.contexts import ClosedAtExit
-from ..errors import FileFormatError, InputError
+from ..errors import FileFormatError, InputError, TimeError
 from ..types import (
     ADVANCE,
     DEFAULT_VIEW,
@@ -24,6 +25,7 @@ from ..types import (
     IntArray,
     SessionInfo,
     Source,
+    ViewInfo,
 )
 from ._dicom import DicomFile, is_dicom
 from ._folder import ImageFolder, read_folder
@@ -33,6 +35,9 @@ from ._reader import RecordingReader
 from ._stack import ImageStack
 from .bags import is_bag, open_bag
 from .video import VideoFile
+
+MAX_SCALE_RATIO_STDS = 3.0
+"""A stated scale that differs by more standard uncertainties from that of a DICOM header is remarked."""
 
 
 class FileSource(ClosedAtExit):
@@ -55,10 +60,13 @@ class FileSource(ClosedAtExit):
     ) -> None:
         self.path, self.views = path, (view or view_of_file(path, stated.views),)
         self._file = _opened(path)
+        self.remarks: tuple[str, ...] = ()
         self._columns = self._file.actuation if isinstance(self._file, ImageFolder) else {}
         constant = {name: value for name, value in stated.actuation.constant.items() if name not in self._columns}
         self._actuation = {**constant, **actuation}
         self.session_info = SessionInfo(path.stem).updated(stated)
+        if isinstance(self._file, DicomFile):
+            self.session_info, self.remarks = _with_geometry(self.session_info, self.views[0], self._file)
         if clash := set(self._columns) & set(actuation):
             raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
 
@@ -121,11 +129,48 @@ def view_of_file(path: Path, stated: Iterable[str]) -> str:
     return max(ends, key=len, default=DEFAULT_VIEW)
 
 
+def _with_geometry(info: SessionInfo, view: str, file: DicomFile) -> tuple[SessionInfo, tuple[str, ...]]:
+    """Returns metadata with the geometry of a DICOM file where they state none, and sentences on it."""
+    stated, found, name = info.view(view), file.view.info, file.path.name
+    if found == ViewInfo():
+        return info, ()
+    remarks = [f"{name}, view {view}: {file.view.found}"] if file.view.found else []
+    remarks += [
+        f"{name}, view {view}: {text.format(view=view)}"
+        for text in file.view.missing
+        if not ("projection" in text and stated.projection) and not ("metres_per_px" in text and stated.metres_per_px)
+    ]
+    made = replace(stated, modality=stated.modality or found.modality)
+    if stated.metres_per_px is None:
+        made = replace(
+            made,
+            metres_per_px=found.metres_per_px,
+            metres_per_px_uncertainty=found.metres_per_px_uncertainty,
+        )
+    elif found.metres_per_px is not None and found.metres_per_px_uncertainty is not None:
+        ratio = stated.metres_per_px / found.metres_per_px
+        if abs(ratio - 1.0) > MAX_SCALE_RATIO_STDS * found.metres_per_px_uncertainty:
+            remarks.append(
+                f"{name}, view {view}: views.{view}.metres_per_px of bench.toml is {ratio:.2f} times the scale of the "
+                "header, and is used; check it"
+            )
+    if stated.projection is None and found.projection is not None:
+        made = replace(
+            made,
+            projection=found.projection,
+            projection_frame=found.projection_frame,
+            pose_uncertainty_deg=stated.pose_uncertainty_deg or found.pose_uncertainty_deg,
+            pose_uncertainty_m=stated.pose_uncertainty_m or found.pose_uncertainty_m,
+        )
+    return replace(info, views={**info.views, view: made}), tuple(remarks)
+
+
 class FilesOfViews(ClosedAtExit):
     """Files of images, one for each view, as one `Source`; their stamps are on one clock.
 
-    A view has the name of the metadata's view that ends the name of its file, as in ``video_a.mp4``. Where the metadata
-    describe no view, it has the last word of this name.
+    A view has the name of the metadata's view that ends the name of its file, as in ``video_a.mp4``. Planes A and B of
+    a biplane system are the views a and b, as their DICOM files state. Where the metadata describe no view, it has the
+    last word of this name. Stamps of DICOM files count from the ContentTime of the earliest one.
 
     Args:
         paths: at least two files or folders.
@@ -134,11 +179,19 @@ class FilesOfViews(ClosedAtExit):
     Raises:
         FileFormatError: a file cannot be read.
         InputError: two files have the same view, or the metadata do not describe the view of a file.
+        TimeError: DICOM files were not taken at the same time.
     """
 
     def __init__(self, paths: Sequence[Path], stated: SessionInfo) -> None:
+        dicom = {path: DicomFile(path) for path in paths if is_dicom(path)}
+        planes = {path: file.view.plane for path, file in dicom.items() if file.view.plane}
         names = {path: view_of_file(path, stated.views) for path in paths}
-        if not stated.views:
+        if stated.views:
+            unnamed = {path: plane for path, plane in planes.items() if names[path] not in stated.views}
+            names |= {path: plane for path, plane in unnamed.items() if plane in stated.views}
+        elif len(set(planes.values())) == len(paths):
+            names = dict(planes)
+        else:
             names = {path: re.split(r"\W|_", path.stem)[-1] or path.stem for path in paths}
         for path, view in names.items():
             if list(names.values()).count(view) > 1 or (stated.views and view not in stated.views):
@@ -148,7 +201,17 @@ class FilesOfViews(ClosedAtExit):
                     f"{path.stem}_{next(iter(stated.views), 'a')}{path.suffix}; the metadata describe {described}"
                 )
         self._files = [FileSource(path, {}, stated, view) for path, view in names.items()]
+        views = {view: file.session_info.view(view) for view, file in zip(names.values(), self._files, strict=True)}
         self.views, self.session_info = tuple(names.values()), self._files[0].session_info
+        if any(file.remarks for file in self._files):
+            self.session_info = replace(self.session_info, views={**self.session_info.views, **views})
+        self._later_ns = _later_ns(dicom) if len(dicom) == len(paths) else [0] * len(paths)
+        moved = [
+            f"{path.name}: its stamps are {later * 1e-9:.6f} s later, because its ContentTime is"
+            for path, later in zip(names, self._later_ns, strict=True)
+            if later
+        ]
+        self.remarks = (*(remark for file in self._files for remark in file.remarks), *moved)
 
     @property
     def frame_count(self) -> int:
@@ -162,9 +225,38 @@ class FilesOfViews(ClosedAtExit):
         return any(file.numbered for file in self._files)
 
     def __iter__(self) -> Iterator[Event]:
-        first, *others = self._files  # readings of drives come with the first view
+        first, *others = (_moved(file, later) for file, later in zip(self._files, self._later_ns, strict=True))
         images = ((event for event in file if isinstance(event, Frame)) for file in others)
+        # readings of drives come with the first view
         yield from merge(first, *images, key=lambda event: event.stamp_ns)
+
+
+def _moved(events: Iterable[Event], later_ns: int) -> Iterator[Event]:
+    for event in events:
+        yield replace(event, stamp_ns=event.stamp_ns + later_ns) if later_ns else event
+
+
+def _later_ns(files: Mapping[Path, DicomFile]) -> list[int]:
+    """Returns the time of each file's zero after that of the earliest one; 0 where a file does not state its time.
+
+    Raises:
+        TimeError: two files do not overlap.
+    """
+    stated = [file.start_ns for file in files.values()]
+    starts = [start for start in stated if start is not None]
+    if len(starts) < len(stated):
+        return [0] * len(stated)
+    later = [start - min(starts) for start in starts]
+    spans = [[moved + stamp for stamp in file.span_ns()] for file, moved in zip(files.values(), later, strict=True)]
+    latest = max(range(len(spans)), key=lambda k: spans[k][0])
+    earliest = min(range(len(spans)), key=lambda k: spans[k][1])
+    if spans[latest][0] > spans[earliest][1]:
+        names = [path.name for path in files]
+        raise TimeError(
+            f"{names[latest]}: begins {1e-9 * (spans[latest][0] - spans[earliest][1]):.1f} s after the end of "
+            f"{names[earliest]}, by their ContentTime; two views are the planes of one run: import the files one by one"
+        )
+    return later
 
 
 def _opened(path: Path) -> ImageFolder | ImageStack | DicomFile | VideoFile:

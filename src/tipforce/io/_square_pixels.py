@@ -30,8 +30,19 @@ def square_pixels(image: Image, aspect: Fraction, where: str) -> Image:
             f"{where}: states pixels of {aspect.numerator} : {aspect.denominator}, at most {_MAX_ASPECT} : 1 are read; "
             "where they are square, say so: ffmpeg -i VIDEO -vf setsar=1 -crf 10 SQUARE.mp4"
         )
-    size = round(width * max(aspect, Fraction(1))), round(height * max(1 / aspect, Fraction(1)))
+    size = square_size(width, height, aspect)
     if size == (width, height):
         return image
     check_pixels(*size, where)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
+def square_size(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
+    """Returns width and height of an image after its pixels are made square.
+
+    Args:
+        width: width of the stored image.
+        height: height of the stored image.
+        aspect: width of a stored pixel divided by its height.
+    """
+    return round(width * max(aspect, Fraction(1))), round(height * max(1 / aspect, Fraction(1)))

@@ -167,6 +167,7 @@ def import_session(
         source = replace(bag, joints=None)
     else:
         source = FilesOfViews(views, info) if len(views) > 1 else FileSource(frames, {}, info)
+        remarks += source.remarks
     if source.numbered and (log is not None or knob_log is not None or stage_log is not None):
         raise FileFormatError(
             f"{frames}: neither a table nor the names of the images say when they were taken, so a log cannot be "

@@ -72,7 +72,17 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             ("polarity", '"dark"', "the catheter is dark or light against the ground; found where it is not stated"),
             ("modality", '"camera"', "camera or xray"),
             ("projection", "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]", "3 x 4: metres to pixels"),
-            ("projection_frame", '"base"', "base, or isocentre: x to the patient's left, y to the back, z to the head"),
+            (
+                "projection_frame",
+                '"base"',
+                "base; isocentre: x to the patient's left, y back, z to the head; first-view",
+            ),
+            (
+                "pose_uncertainty_deg",
+                "[1.0, 1.0, 0.5]",
+                "of its turn about the image's right, down and depth",
+            ),
+            ("pose_uncertainty_m", "[2e-3, 2e-3, 5e-3]", "of the position of the frame's origin along them"),
             ("detector", '"detector"', "folder that `tipforce annotate` wrote, beside this file"),
         ),
     ),

@@ -22,6 +22,11 @@ _Pixel = Annotated[int, Interval(ge=-(1 << 62), le=1 << 62)]
 Box = tuple[_Pixel, _Pixel, _Pixel, _Pixel]
 """(u0, v0, u1, v1) in pixels: left, top, right, bottom, the last two exclusive; it is clipped to the image."""
 
+Projection = tuple[
+    tuple[float, float, float, float], tuple[float, float, float, float], tuple[float, float, float, float]
+]
+"""(3, 4) matrix from homogeneous metres to homogeneous pixels."""
+
 Reads = Literal["tip-on-tissue", "tissue-on-tip"]
 """The force that a sensor shows, of the two opposite forces at the contact."""
 
@@ -60,6 +65,10 @@ class Catheter:
     bending_stiffness_uncertainty: Annotated[float, _within("bending_stiffness_uncertainty")] | None = None
 
 
+_TurnError = Annotated[float, _within("pose_uncertainty_deg")]
+_ShiftError = Annotated[float, _within("pose_uncertainty_m")]
+
+
 @dataclass(frozen=True, slots=True)
 class ViewInfo:
     """Metadata of one view.
@@ -72,7 +81,13 @@ class ViewInfo:
         polarity: whether the catheter is darker or lighter than the ground.
         modality: kind of image.
         projection: (3, 4) matrix from metres in ``projection_frame`` to pixels.
-        projection_frame: "base", or "isocentre": x to the patient's left, y to the back, z to the head.
+        projection_frame: "base"; "isocentre": x to the patient's left, y to the back, z to the head; or "first-view": x
+            right, y down, z ahead of the first view of a pair.
+        pose_uncertainty_deg: (3,) standard uncertainties of the view's turn about the origin of ``projection_frame``:
+            about the image's right, its down and the viewing direction, degrees. 0 for the view of a pair to which the
+            pose of the other one is relative.
+        pose_uncertainty_m: (3,) standard uncertainties of this origin's position in the view along the same directions,
+            m; the third is that of its distance, which changes the scale.
         metres_per_px_uncertainty: relative standard uncertainty of the scale.
         tilt_uncertainty_deg: standard uncertainty of the angle between plane of bending and image, about either of its
             axes, degrees.
@@ -87,8 +102,10 @@ class ViewInfo:
     roi: Box | None = None
     polarity: Literal["dark", "light"] | None = None
     modality: Literal["camera", "xray"] | None = None
-    projection: tuple[tuple[float, float, float, float], ...] | None = None
-    projection_frame: Literal["base", "isocentre"] | None = None
+    projection: Projection | None = None
+    projection_frame: Literal["base", "isocentre", "first-view"] | None = None
+    pose_uncertainty_deg: tuple[_TurnError, _TurnError, _TurnError] | None = None
+    pose_uncertainty_m: tuple[_ShiftError, _ShiftError, _ShiftError] | None = None
     metres_per_px_uncertainty: Annotated[float, _within("metres_per_px_uncertainty")] | None = None
     tilt_uncertainty_deg: Annotated[float, _within("tilt_uncertainty_deg")] | None = None
     detector: str | None = None

@@ -10,12 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tipforce.geometry import CameraModel, triangulate
+from tipforce.geometry import CameraModel, CArm, triangulate
 from tipforce.simulation.rendering.camera import TissueState
 from tipforce.simulation.rendering.fluoroscope import (
     BIPLANE,
     FLUORO,
-    CArm,
     Pulse,
     XrayRenderer,
     XrayScene,

@@ -1,6 +1,5 @@
 """The simulated fluoroscope: from a catheter's shape in space to X-ray images, in one view or two."""
 
-from ._c_arm import CArm
 from ._dicom import RESEARCH_NOTE, write_dicom
 from ._renderer import Pulse, XrayRenderer
 from ._scene import Anatomy, CatheterConstruction, Detector, Instrument, Rhythm, XrayBeam, XrayScene, XrayView
@@ -13,7 +12,6 @@ __all__ = [
     "FLUORO_VARIED",
     "RESEARCH_NOTE",
     "Anatomy",
-    "CArm",
     "CatheterConstruction",
     "Detector",
     "Instrument",

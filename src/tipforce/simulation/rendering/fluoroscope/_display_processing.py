@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ....geometry import CArm
 from ....types import BoolArray, FloatArray
-from ._c_arm import CArm
 from ._scene import XrayBeam
 from ._variety import DisplayProcessing
 

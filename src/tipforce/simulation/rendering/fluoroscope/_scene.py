@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ....geometry import CameraModel, Pose
+from ....geometry import CameraModel, CArm, Pose
 from ....types import FloatArray
-from ._c_arm import CArm
 
 if TYPE_CHECKING:
     from ._variety import XrayVariety

@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from ....geometry import Pose
+from ....geometry import CArm, Pose
 from ....types import FloatArray
 from ..._fields import NotNegative, Positive, Range, Settings, Share, Some
-from ._c_arm import CArm, perturbed
+from ._c_arm_error import perturbed
 from ._instrument_variety import varied_catheter, varied_instruments
 from ._scene import Anatomy, CatheterConstruction, Detector, Instrument, Rhythm, XrayBeam, XrayScene, XrayView
 from ._variety import XrayVarietyRanges, sample_variety
