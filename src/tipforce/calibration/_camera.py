@@ -158,6 +158,29 @@ def calibrate_board(images: Sequence[Image], settings: BoardSettings) -> BoardRe
     )  # fmt: skip
 
 
+def board_corners(image: Image, settings: BoardSettings) -> dict[int, tuple[FloatArray, FloatArray]]:
+    """Finds the corners of a board in an image.
+
+    Args:
+        image: (h, w) grey or (h, w, 3) RGB.
+        settings: the board.
+
+    Returns:
+        Number of the corner -> (3,) its position on the board in m, and (2,) its pixel.
+
+    Raises:
+        InputError: the values of the board are not possible, or its dictionary is unknown.
+    """
+    detector, board = _detector(settings)
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    corners, ids, _, _ = detector.detectBoard(grey)
+    if ids is None or len(ids) == 0:
+        return {}
+    points, pixels = board.matchImagePoints(corners, ids)
+    rows = zip(ids.ravel().tolist(), points.reshape(-1, 3), pixels.reshape(-1, 2), strict=True)
+    return {number: (point.astype(np.float64), pixel.astype(np.float64)) for number, point, pixel in rows}
+
+
 def _detector(settings: BoardSettings) -> tuple[Any, Any]:
     marker = settings.marker_m if settings.marker_m is not None else 0.75 * settings.square_m
     across, down = settings.squares

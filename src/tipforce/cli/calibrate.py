@@ -12,7 +12,11 @@ from ._facts import BenchOption, number_from, stated_info
 
 def command(
     recordings: Annotated[
-        list[Path] | None, typer.Argument(metavar="RECORDING...", help="One minute each, or a folder of them.")
+        list[Path] | None,
+        typer.Argument(
+            metavar="RECORDING...",
+            help="One minute each, or a folder of them; or DICOM files, one for each view, for the views' poses.",
+        ),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="The bench.toml to write the values into.")
@@ -24,9 +28,17 @@ def command(
     stated_within: Annotated[
         float, typer.Option(min=0.1, max=45.0, metavar="PERCENT", help="How well the stated stiffness is known.")
     ] = 10.0,
+    views: Annotated[
+        bool,
+        typer.Option("--views", help="Only refine the pose of the second view, from the catheter's tip in both."),
+    ] = False,
     board: Annotated[
-        Path | None,
-        typer.Option(metavar="IMAGES", help="ChArUco board: an image or a folder; the first in the plane of bending."),
+        list[Path] | None,
+        typer.Option(
+            metavar="IMAGES",
+            help="ChArUco board: an image or a folder; the first in the plane of bending. Twice, a folder or video of "
+            "each of two cameras, named after its view: their poses.",
+        ),
     ] = None,
     square_mm: Annotated[float | None, typer.Option(help="Side of a square of the board.")] = None,
     marker_mm: Annotated[
@@ -55,6 +67,12 @@ def command(
         tipforce calibrate --ruler 100,240,500,240,80 -o bench.toml
 
         tipforce calibrate --board board/ --square-mm 8 --squares 9x6 --bench bench.toml -o new.toml
+
+        tipforce calibrate --board board_a/ --board board_b/ --square-mm 8 --squares 9x6 -o bench.toml
+
+        tipforce calibrate plane-a.dcm plane-b.dcm -o bench.toml
+
+        tipforce calibrate biplane.mcap --views --bench bench.toml -o bench.toml --overwrite
     """
     from ..calibration import BoardSettings
     from ..io import write_atomic
@@ -63,7 +81,7 @@ def command(
     paths = recordings or []
     check_outputs(paths, output, plot, json_file)
     check_new(output, plot, overwrite=overwrite)
-    if board is not None and square_mm is None:
+    if board and square_mm is None:
         raise InputError("--board: state the side of a square with --square-mm")
     settings = None
     if square_mm is not None:
@@ -75,9 +93,10 @@ def command(
             bench=stated_info(bench, None),
             contact_free=contact_free,
             stated_within=0.01 * stated_within,
-            board=board,
+            board=board or None,
             board_settings=settings,
             ruler=_ruler(ruler),
+            view_poses=views,
             progress=report,
         )
     text = None
@@ -88,7 +107,7 @@ def command(
         say(line)
     if output is not None and text is not None:
         write_atomic(output, text)
-        names = ", ".join(each.key for each in done.changes) or "nothing: no value is good enough"
+        names = ", ".join(done.written_keys) or "nothing: no value is good enough"
         say(f"wrote {output}: {names}")
     if plot is not None:
         plot_calibration(done, plot)

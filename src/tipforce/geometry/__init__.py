@@ -3,6 +3,7 @@
 from ._c_arm import CArm
 from ._camera import CameraModel
 from ._curves import angle_matrix, arc_length, curve_from_angle, fit_polynomial, turning_angles
+from ._epipolar import epipolar_angles
 from ._pose import Pose
 from ._triangulate import Triangulated, triangulate
 
@@ -14,6 +15,7 @@ __all__ = [
     "angle_matrix",
     "arc_length",
     "curve_from_angle",
+    "epipolar_angles",
     "fit_polynomial",
     "triangulate",
     "turning_angles",

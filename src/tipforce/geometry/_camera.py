@@ -6,9 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..types import BasePose, FloatArray, frozen
+from ..types import BasePose, FloatArray, Projection, frozen
 from ._lens import project, straighten
 from ._pose import Pose
+
+MAX_SKEW = 1e-3
+"""Largest cosine between the axes of pixels that count as rectangular."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +82,42 @@ class CameraModel:
         translation = np.append((base.origin_px - centre) * scale_m_per_px, distance_m)
         return cls(np.array([focal, focal]), centre, frozen("distortion", distortion, (5,)), Pose(turn, translation))
 
+    @classmethod
+    def from_projection(cls, projection: ArrayLike) -> "CameraModel":
+        """Returns the camera without distortion of a projection matrix, the inverse of `projection_matrix`.
+
+        Args:
+            projection: (3, 4) matrix; the world's origin is in front of the camera.
+
+        Returns:
+            The camera; fx is negative where the matrix mirrors the image.
+
+        Raises:
+            ValueError: the matrix is no perspective projection with rectangular pixels.
+
+        >>> camera = CameraModel(np.array([-800.0, 810.0]), np.array([320.0, 240.0]))
+        >>> camera = camera.seen_from(Pose.from_euler([0.3, 0.2, 0.1], [0.01, 0.02, 0.7]))
+        >>> CameraModel.from_projection(camera.projection_matrix).focal_px.round(6)
+        array([-800.,  810.])
+        """
+        matrix = frozen("projection", projection, (3, 4))
+        scale = float(np.linalg.norm(matrix[2, :3]))
+        largest = float(np.linalg.norm(matrix[:2, :3], axis=1).max())
+        if not (np.isfinite(matrix).all() and scale * 1e6 > largest and matrix[2, 3] != 0):
+            raise ValueError("projection: expected a perspective projection, got one without a finite distance")
+        matrix = matrix / (math.copysign(scale, float(matrix[2, 3])))
+        ahead, centre = matrix[2, :3], matrix[:2, :3] @ matrix[2, :3]
+        across, down = matrix[:2, :3] - np.outer(centre, ahead)
+        focal = np.array([float(np.linalg.norm(across)), float(np.linalg.norm(down))])
+        if not (focal > 1e-6).all() or abs(across @ down) > MAX_SKEW * focal[0] * focal[1]:
+            raise ValueError("projection: expected rectangular pixels, got a matrix with skewed axes")
+        y_axis = down / focal[1]
+        x_axis = np.cross(y_axis, ahead)
+        focal[0] *= math.copysign(1.0, float(across @ x_axis))
+        rotation = np.array([x_axis, y_axis, ahead])
+        offset = (matrix[:2, 3] - centre * matrix[2, 3]) / focal
+        return cls(focal, centre, camera_from_world=Pose(rotation, np.append(offset, matrix[2, 3])))
+
     def seen_from(self, camera_from_world: Pose) -> "CameraModel":
         """Returns the same camera at another pose."""
         return CameraModel(self.focal_px, self.centre_px, self.distortion, camera_from_world)
@@ -94,6 +133,12 @@ class CameraModel:
         """(3, 4) K [R | t]: world -> homogeneous pixels of the same camera without distortion."""
         pose = self.camera_from_world
         return self.matrix @ np.column_stack([pose.rotation, pose.translation_m])
+
+    @property
+    def projection(self) -> Projection:
+        """`projection_matrix` as ``bench.toml`` holds it, with eight digits."""
+        a, b, c = ([float(f"{x:.8g}") for x in row] for row in self.projection_matrix)
+        return (a[0], a[1], a[2], a[3]), (b[0], b[1], b[2], b[3]), (c[0], c[1], c[2], c[3])
 
     @property
     def position_m(self) -> FloatArray:

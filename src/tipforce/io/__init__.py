@@ -3,6 +3,8 @@
 from .._system.atomic import atomic_path, atomic_text, check_folder, check_output_file, replacing_folder, write_atomic
 from ._actuation import WAIT_S, ActuationSeries
 from ._cdr import COMPRESSED_IMAGE, ESTIMATE, FORCE_ESTIMATE, SCHEMAS, pack_estimate, pack_image, unpack_estimate
+from ._dicom import is_dicom
+from ._dicom_view import ASSUMED_SHIFT_M, ASSUMED_TURN_DEG
 from ._facts import SUBTRACTED_FORCE, ClockMap, Fact, Inertia, Tare
 from ._folder import InFolder
 from ._force_log import DriveLog, ForceLog, logs_by_kind, read_drive_log, read_force_log
@@ -29,6 +31,8 @@ from .video import FieldEvidence, VideoWriter, shown_image, write_video
 
 __all__ = [
     "ACTUATION_UNITS",
+    "ASSUMED_SHIFT_M",
+    "ASSUMED_TURN_DEG",
     "COMPRESSED_IMAGE",
     "ESTIMATE",
     "FORCE_ESTIMATE",
@@ -70,6 +74,7 @@ __all__ = [
     "images_beforehand",
     "is_actuation",
     "is_bag",
+    "is_dicom",
     "is_force",
     "is_image",
     "logs_by_kind",

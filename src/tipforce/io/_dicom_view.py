@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..geometry import CArm
-from ..types import Projection, ViewInfo
+from ..types import ViewInfo
 
 XRAY_MODALITIES = ("XA", "RF", "DX", "CR")
-ANGLE_STD_DEG, ROLL_STD_DEG = 1.0, 0.5
-"""Assumed standard uncertainty of the positioner's angles, and of the turn of the detector in its own plane."""
-CENTRE_STD_M = 2e-3
-"""Assumed distance, per axis, between the central ray (the middle of the image) and the isocentre."""
-DISTANCE_STD_M = 5e-3
-"""Assumed standard uncertainty of a stated distance of the focal spot."""
+ASSUMED_TURN_DEG = (1.0, 1.0, 0.5)
+"""Assumed standard uncertainties of a C-arm's angles, and of the turn of the detector in its own plane."""
+ASSUMED_SHIFT_M = (2e-3, 2e-3, 5e-3)
+"""The same of the isocentre: from the middle of the image, right and down, and of its distance from the focal spot."""
 DEPTH_STD_M = 30e-3
 """Assumed distance between catheter and isocentre along the ray, which no tag states."""
 SOURCE_ISOCENTRE_M, SOURCE_ISOCENTRE_STD_M = 0.75, 0.04
@@ -104,22 +102,15 @@ def _xray_view(data: Any, width: int, height: int, plane: str) -> DicomView:
         info.metres_per_px,
         modality="xray",
         metres_per_px_uncertainty=info.metres_per_px_uncertainty,
-        projection=_rows(arm.camera(width, height).projection_matrix),
+        projection=arm.camera(width, height).projection,
         projection_frame="isocentre",
-        pose_uncertainty_deg=(ANGLE_STD_DEG, ANGLE_STD_DEG, ROLL_STD_DEG),
-        pose_uncertainty_m=(CENTRE_STD_M, CENTRE_STD_M, scale.source_object_std_m),
+        pose_uncertainty_deg=ASSUMED_TURN_DEG,
+        pose_uncertainty_m=(*ASSUMED_SHIFT_M[:2], scale.source_object_std_m),
     )
-    sides = "LAO" if primary >= 0 else "RAO", "cranial" if secondary >= 0 else "caudal"
-    found = (
-        f"C-arm at {sides[0]} {abs(primary):g}, {sides[1]} {abs(secondary):g} degrees, +- {ANGLE_STD_DEG:g} assumed; "
-        + found
-    )
+    first = f"{'LAO' if primary >= 0 else 'RAO'} {abs(primary):g}"
+    second = f"{'cranial' if secondary >= 0 else 'caudal'} {abs(secondary):g}"
+    found = f"C-arm at {first}, {second} degrees, +- {ASSUMED_TURN_DEG[0]:g} assumed; {found}"
     return DicomView(info, plane, found, tuple(missing))
-
-
-def _rows(matrix: Any) -> Projection:
-    a, b, c = ([float(f"{x:.8g}") for x in row] for row in matrix)
-    return (a[0], a[1], a[2], a[3]), (b[0], b[1], b[2], b[3]), (c[0], c[1], c[2], c[3])
 
 
 def _positive(data: Any, name: str) -> float | None:
@@ -157,9 +148,9 @@ def _scale(data: Any, missing: list[str]) -> _Scale | None:
     if stated is not None and stated < 1.0:
         raise ValueError(f"EstimatedRadiographicMagnificationFactor is {stated:g}, less than 1")
     if isocentre:
-        object_m, object_std = 1e-3 * isocentre, DISTANCE_STD_M
+        object_m, object_std = 1e-3 * isocentre, ASSUMED_SHIFT_M[2]
     elif detector and stated:
-        object_m, object_std = 1e-3 * detector / stated, DISTANCE_STD_M
+        object_m, object_std = 1e-3 * detector / stated, ASSUMED_SHIFT_M[2]
     else:
         object_m, object_std = SOURCE_ISOCENTRE_M, SOURCE_ISOCENTRE_STD_M
     depth_share = math.hypot(object_std, DEPTH_STD_M) / object_m
@@ -209,7 +200,7 @@ def _angles(data: Any, missing: list[str]) -> tuple[float, float] | None:
     if abs(primary) > 180.0 or abs(secondary) > 90.0:
         raise ValueError(f"the positioner's angles are {primary:g} and {secondary:g} degrees")
     moved = max(_largest(data, f"{name}Increment", abs) for name in names)
-    if moved > ANGLE_STD_DEG:
+    if moved > ASSUMED_TURN_DEG[0]:
         missing.append(
             f"the C-arm turns by {moved:.0f} degrees during the run, so no pose holds for all frames" + remedy
         )

@@ -1,7 +1,7 @@
 """Calibrates a bench from recordings and images of a board, and writes the result into its ``bench.toml``."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -20,8 +20,9 @@ from ..calibration import (
 )
 from ..errors import InputError
 from ..estimators import no_progress
-from ..io import is_image, read_image
+from ..io import is_dicom, is_image, read_image
 from ..types import SessionInfo, ViewInfo, bench_text, edited_bench
+from ._calibrate_views import CalibratedViews, views_from_boards, views_from_dicom, views_from_tips
 from ._estimate import session_info_from
 
 READING_SHARE = 0.9
@@ -43,6 +44,7 @@ class CalibrateReport:
         info: the metadata that were used.
         calibration: constants fitted to recordings; None without recordings.
         board: calibration of the lens; None without a board.
+        views: poses and scales of views that are written.
         sources: names of the files.
     """
 
@@ -51,7 +53,13 @@ class CalibrateReport:
     info: SessionInfo
     calibration: Calibration | None
     board: BoardResult | None
+    views: Mapping[str, ViewInfo]
     sources: tuple[str, ...]
+
+    @property
+    def written_keys(self) -> tuple[str, ...]:
+        """Keys of ``bench.toml`` that are written."""
+        return (*(each.key for each in self.changes), *SessionInfo(views=self.views).stated_keys())
 
     @property
     def changes(self) -> tuple[Quantity, ...]:
@@ -79,7 +87,12 @@ class CalibrateReport:
             if name in _UNCERTAINTIES and 0.0 < each.std < abs(each.value):
                 relative = float(f"{each.std / abs(each.value):.3g}")
                 values[f"{section}.{_UNCERTAINTIES[name]}"] = (relative, f"of {name}, relative")
-        return edited_bench(bench_text(replace(self.info, name="")) if text is None else text, values, where)
+        for name, view in SessionInfo(views=self.views).values().get("views", {}).items():
+            note = f"tipforce calibrate, {date.today().isoformat()}, {source}"
+            values |= {f"views.{name}.{key}": (value, note) for key, value in view.items()}
+        own = {name: self.info.view(name) for name in self.views} | dict(self.info.views)
+        made = bench_text(replace(self.info, name="", views=own)) if text is None else text
+        return edited_bench(made, values, where)
 
     def figures(self) -> dict[str, Any]:
         """Returns the report as JSON values."""
@@ -87,6 +100,7 @@ class CalibrateReport:
             "quantities": [each.figures() for each in self.quantities],
             "remarks": list(self.remarks),
             "board": None if self.board is None else self.board.figures(),
+            "views": SessionInfo(views=self.views).values().get("views", {}),
             "sources": list(self.sources),
         }
 
@@ -102,20 +116,24 @@ def calibrate(
     board_settings: BoardSettings | None = None,
     ruler: tuple[float, float, float, float, float] | None = None,
     view: str = "camera",
+    view_poses: bool = False,
     progress: Callable[[str, float], None] | None = None,
 ) -> CalibrateReport:
-    """Calibrates a bench from recordings, a board or a ruler.
+    """Calibrates a bench from recordings, a board or a ruler, or the poses of its views.
 
     Args:
-        recordings: .mcap files, or a folder of them; of one bench and one catheter.
+        recordings: .mcap files, or a folder of them; of one bench and one catheter. Or DICOM files, one for each view,
+            for the views' poses and scales alone.
         bench: metadata in place of the recordings' own.
         contact_free: the tip touches nothing in any of them, and no force is needed.
         seconds: length of the beginning of each recording that is used.
         stated_within: standard deviation of the stated stiffness, relative.
-        board: images of a ChArUco board, the first in the plane in which the catheter bends, or a folder of them.
+        board: images of a ChArUco board, the first in the plane in which the catheter bends, or a folder of them; or
+            two folders or videos, one for each of two cameras, for their poses.
         board_settings: settings of the board.
         ruler: u0, v0, u1, v1 in px, and their distance in mm.
         view: the view whose scale board and ruler give.
+        view_poses: only the pose of the second view of the recordings is refined, from the catheter's tip.
         progress: called with the current step and the share that is done.
 
     Returns:
@@ -126,14 +144,35 @@ def calibrate(
         InputError: there is nothing to calibrate from, or the input is not sufficient.
     """
     report = progress or no_progress
-    given = [recordings] if isinstance(recordings, str | Path) else list(recordings)
-    paths = [path for each in given for path in _recordings(Path(each))]
+    given = [Path(each) for each in ([recordings] if isinstance(recordings, str | Path) else recordings)]
     info = session_info_from(bench)
+    boards = [] if board is None else [Path(each) for each in ([board] if isinstance(board, str | Path) else board)]
+    dicom = [path for path in given if is_dicom(path)]
+    pair = len(boards) == 2 and not any(is_image(each) for each in boards)
+    ways = {"DICOM files": bool(dicom), "two boards": pair, "--views": view_poses}
+    named = [way for way, wanted in ways.items() if wanted]
+    others = {"recordings": len(given) > len(dicom) and not view_poses, "a board": bool(boards) and not pair}
+    others |= {"a ruler": ruler is not None, "--contact-free": contact_free}
+    if named and (rest := [*named[1:], *(way for way, wanted in others.items() if wanted)]):
+        raise InputError(
+            f"calibrate: with {named[0]} only the poses of views are found; leave out {', '.join(rest)}, and calibrate "
+            "from that in a second command"
+        )
+    if dicom:
+        return _views_report(views_from_dicom(given, info), info, given)
+    if pair:
+        return _views_report(views_from_boards(boards, board_settings or BoardSettings(), info), info, boards)
+    paths = [path for each in given for path in _recordings(each)]
+    if view_poses:
+        if not paths:
+            raise InputError("--views: name a recording of two views")
+        found = views_from_tips(paths, info, lambda share: report("detecting the tip", share))
+        return _views_report(found, info, paths)
     quantities: list[Quantity] = []
     found: BoardResult | None = None
     sources = [path.name for path in paths]
-    if board is not None:
-        files = _images([board] if isinstance(board, str | Path) else list(board))
+    if boards:
+        files = _images(boards)
         found = calibrate_board([read_image(path) for path in files], board_settings or BoardSettings())
         quantities.append(_scale(found.quantity, view, info))
         sources.append(files[0].name)
@@ -144,7 +183,7 @@ def calibrate(
     if not (paths or quantities):
         raise InputError("recordings, board and ruler are all missing: name at least one to calibrate from")
     if not paths:
-        return CalibrateReport(tuple(quantities), _lens_remarks(found), info, None, found, tuple(sources))
+        return CalibrateReport(tuple(quantities), _lens_remarks(found), info, None, found, {}, tuple(sources))
     if quantities:
         info = info.updated(SessionInfo(views={view: ViewInfo(metres_per_px=quantities[0].value)}))
     sessions = []
@@ -167,8 +206,14 @@ def calibrate(
         sessions[0].info,
         calibration,
         found,
+        {},
         tuple(sources),
     )
+
+
+def _views_report(found: CalibratedViews, info: SessionInfo, sources: Sequence[Path]) -> CalibrateReport:
+    names = tuple(path.name for path in sources)
+    return CalibrateReport(found.quantities, found.remarks, info, None, None, found.views, names)
 
 
 def _recordings(path: Path) -> list[Path]:
@@ -182,9 +227,9 @@ def _recordings(path: Path) -> list[Path]:
     return [path]
 
 
-def _images(given: Sequence[Path | str]) -> list[Path]:
+def _images(given: Sequence[Path]) -> list[Path]:
     files: list[Path] = []
-    for each in map(Path, given):
+    for each in given:
         files += sorted(path for path in each.iterdir() if is_image(path)) if each.is_dir() else [each]
     if not files:
         raise InputError(f"board: {given[0]} holds no image")

@@ -411,14 +411,12 @@ class XrayImaging:
             isocentre's frame.
         """
         size = self.settings.width, self.settings.height
-        matrix = self.scene.views[self.views.index(view)].stated.camera(*size).projection_matrix
-        a, b, c = ([float(f"{x:.8g}") for x in row] for row in matrix)
         return ViewInfo(
             metres_per_px,
             self.settings.scene.base_side,
             modality="xray",
             metres_per_px_uncertainty=self._scale_uncertainty(),
-            projection=((a[0], a[1], a[2], a[3]), (b[0], b[1], b[2], b[3]), (c[0], c[1], c[2], c[3])),
+            projection=self.scene.views[self.views.index(view)].stated.camera(*size).projection,
             projection_frame="isocentre",
         )
 

@@ -75,7 +75,7 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             (
                 "projection_frame",
                 '"base"',
-                "base; isocentre: x to the patient's left, y back, z to the head; first-view",
+                "base; isocentre: x to the patient's left, y back, z to the head; board",
             ),
             (
                 "pose_uncertainty_deg",
