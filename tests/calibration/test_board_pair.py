@@ -59,7 +59,7 @@ def test_two_cameras_are_found_within_their_standard_deviations(images: list[tup
     turn = np.degrees((relative @ SECOND_FROM_FIRST.inverse()).axis_angle_rad)
     assert np.abs(turn).max() < 1.0
     assert np.abs(turn / np.degrees(found.stds[:3])).max() < 3.0
-    assert np.abs(relative.translation_m - SECOND_FROM_FIRST.translation_m).max() < 3e-3
+    assert np.abs(relative.translation_m - SECOND_FROM_FIRST.translation_m).max() < 10e-3
     assert first.focal_px[0] == pytest.approx(700.0, rel=0.03)
     assert found.images == len(images)
     assert found.residual_px < 0.5

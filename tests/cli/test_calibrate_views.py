@@ -126,8 +126,28 @@ def test_dicom_headers_fill_bench_toml_and_every_line_stays(tmp_path: Path) -> N
         assert reader.session_info.view("a") == info.view("a")
 
 
+def test_a_known_distance_between_electrodes_gives_the_scale_of_the_named_view(tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    assert run("--ruler", "240,100,252,116,5", "--view", "b", "-o", bench).exit_code == 0
+    info = read_bench(bench)
+    assert info.view("b").metres_per_px == pytest.approx(5e-3 / 20.0)
+    assert info.view("b").metres_per_px_uncertainty == pytest.approx(2**0.5 / 20.0, rel=0.01)
+
+
+def test_the_diameter_of_the_shaft_gives_a_rough_scale_of_each_view(biplane: Path, tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text("[catheter]\ndiameter_m = 2.7e-3\n")
+    assert run(biplane, "--diameter", "--bench", bench, "-o", tmp_path / "new.toml").exit_code == 0
+    for view in CAMERAS:  # OpenCV draws the line 11.4 px wide
+        found = read_bench(tmp_path / "new.toml").view(view)
+        assert found.metres_per_px == pytest.approx(2.7e-3 / 11.44, rel=0.04)
+        assert found.metres_per_px_uncertainty == pytest.approx(0.065, abs=0.005)
+    result = run(biplane, "--diameter")
+    assert "catheter.diameter_m is not stated, and the scale is to come from it" in str(result.exception)
+
+
 def test_dicom_and_a_ruler_are_two_commands(tmp_path: Path) -> None:
     pytest.importorskip("pydicom")
     result = run(write_xray(tmp_path / "IM1.dcm"), "--ruler", "1,2,100,3,5")
     assert isinstance(result.exception, InputError)
-    assert "with DICOM files only the poses of views are found; leave out a ruler" in str(result.exception)
+    assert "DICOM is one way to calibrate views, without the bench; leave out a ruler" in str(result.exception)

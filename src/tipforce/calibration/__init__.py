@@ -2,7 +2,15 @@
 
 from ._board_pair import BoardPair, calibrate_board_pair
 from ._calibrate import Calibration, SessionResult, calibrate_sessions
-from ._camera import PRINT_STD_SHARE, BoardResult, BoardSettings, calibrate_board, scale_from_diameter, scale_from_ruler
+from ._camera import (
+    PRINT_STD_SHARE,
+    BoardResult,
+    BoardSettings,
+    calibrate_board,
+    scale_from_diameter,
+    scale_from_ruler,
+    scale_from_shaft,
+)
 from ._knob import KnobFit, fit_knob
 from ._quantity import Quantity, combined
 from ._relative_pose import (
@@ -48,4 +56,5 @@ __all__ = [
     "relative_covariance",
     "scale_from_diameter",
     "scale_from_ruler",
+    "scale_from_shaft",
 ]

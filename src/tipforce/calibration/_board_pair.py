@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -89,13 +90,14 @@ def _cameras(
     """Returns both cameras in the frame of the board in the pair ``first``, and the RMS residual in px."""
     board = [view[0][0].astype(np.float32) for view in views]
     corners = [[view[place][1].astype(np.float32) for view in views] for place in range(2)]
-    lenses = []
+    lenses: list[tuple[FloatArray, FloatArray]] = []
     for place in range(2):
         _, matrix, lens, _, _ = cv2.calibrateCamera(
             board, corners[place], sizes[place], np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
         )
-        lenses.append((np.asarray(matrix), np.asarray(lens).ravel()[:5]))
-    rms, _, _, _, _, turn, shift, _, _ = cv2.stereoCalibrate(
+        lenses.append((np.asarray(matrix, np.float64), np.asarray(lens, np.float64).ravel()[:5]))
+    stereo: Any = cv2.stereoCalibrate  # its stub lacks these arguments
+    rms, _, _, _, _, turn, shift, _, _ = stereo(
         board, corners[0], corners[1], *lenses[0], *lenses[1], sizes[0], flags=cv2.CALIB_FIX_INTRINSIC
     )
     middle = _middle(first[0], *lenses[0])

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
+from ..types import DEFAULT_VIEW
 from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, number_from, stated_info
 
@@ -32,6 +33,12 @@ def command(
         bool,
         typer.Option("--views", help="Only refine the pose of the second view, from the catheter's tip in both."),
     ] = False,
+    diameter: Annotated[
+        bool,
+        typer.Option(
+            "--diameter", help="Only find the scale of each view of a recording, from the stated diameter of the shaft."
+        ),
+    ] = False,
     board: Annotated[
         list[Path] | None,
         typer.Option(
@@ -49,6 +56,7 @@ def command(
     ruler: Annotated[
         str | None, typer.Option(metavar="U0,V0,U1,V1,MM", help="Two image points and the distance between them.")
     ] = None,
+    view: Annotated[str, typer.Option(metavar="NAME", help="The view that the board or ruler is in.")] = DEFAULT_VIEW,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the knob's map, the forces and the tissue.")
     ] = None,
@@ -65,6 +73,8 @@ def command(
         tipforce calibrate runs/monday.mcap --bench bench.toml -o bench.toml --overwrite --plot calibration.png
 
         tipforce calibrate --ruler 100,240,500,240,80 -o bench.toml
+
+        tipforce calibrate --ruler 240,100,252,140,9.5 --view b --bench bench.toml -o bench.toml --overwrite
 
         tipforce calibrate --board board/ --square-mm 8 --squares 9x6 --bench bench.toml -o new.toml
 
@@ -96,7 +106,9 @@ def command(
             board=board or None,
             board_settings=settings,
             ruler=_ruler(ruler),
+            view=view,
             view_poses=views,
+            by_diameter=diameter,
             progress=report,
         )
     text = None

@@ -186,15 +186,15 @@ class FilesOfViews(ClosedAtExit):
         dicom = {path: DicomFile(path) for path in paths if is_dicom(path)}
         planes = {path: file.view.plane for path, file in dicom.items() if file.view.plane}
         names = {path: view_of_file(path, stated.views) for path in paths}
-        if stated.views:
-            unnamed = {path: plane for path, plane in planes.items() if names[path] not in stated.views}
-            names |= {path: plane for path, plane in unnamed.items() if plane in stated.views}
-        elif len(set(planes.values())) == len(paths):
-            names = dict(planes)
-        else:
+        known = {*stated.views}
+        by_name = len(set(names.values())) == len(paths) and known.issuperset(names.values())
+        described = not known or not known.isdisjoint(planes.values())
+        if described and not by_name and len(set(planes.values())) == len(paths):
+            names, known = planes, set[str]()
+        elif not known:
             names = {path: re.split(r"\W|_", path.stem)[-1] or path.stem for path in paths}
         for path, view in names.items():
-            if list(names.values()).count(view) > 1 or (stated.views and view not in stated.views):
+            if list(names.values()).count(view) > 1 or (known and view not in known):
                 described = ", ".join(stated.views) or "no view"
                 raise InputError(
                     f"{path}: its view is not known; expected a name that ends in a view of bench.toml, as in "

@@ -17,11 +17,12 @@ from ..calibration import (
     read_session,
     scale_from_diameter,
     scale_from_ruler,
+    scale_from_shaft,
 )
 from ..errors import InputError
 from ..estimators import no_progress
-from ..io import is_dicom, is_image, read_image
-from ..types import SessionInfo, ViewInfo, bench_text, edited_bench
+from ..io import RecordingReader, is_dicom, is_image, read_image
+from ..types import DEFAULT_VIEW, SessionInfo, ViewInfo, bench_text, edited_bench, ordered_views
 from ._calibrate_views import CalibratedViews, views_from_boards, views_from_dicom, views_from_tips
 from ._estimate import session_info_from
 
@@ -115,8 +116,9 @@ def calibrate(
     board: Path | str | Sequence[Path | str] | None = None,
     board_settings: BoardSettings | None = None,
     ruler: tuple[float, float, float, float, float] | None = None,
-    view: str = "camera",
+    view: str = DEFAULT_VIEW,
     view_poses: bool = False,
+    by_diameter: bool = False,
     progress: Callable[[str, float], None] | None = None,
 ) -> CalibrateReport:
     """Calibrates a bench from recordings, a board or a ruler, or the poses of its views.
@@ -134,6 +136,7 @@ def calibrate(
         ruler: u0, v0, u1, v1 in px, and their distance in mm.
         view: the view whose scale board and ruler give.
         view_poses: only the pose of the second view of the recordings is refined, from the catheter's tip.
+        by_diameter: only the scales of the views of a recording are found, from the stated diameter of the shaft.
         progress: called with the current step and the share that is done.
 
     Returns:
@@ -149,14 +152,17 @@ def calibrate(
     boards = [] if board is None else [Path(each) for each in ([board] if isinstance(board, str | Path) else board)]
     dicom = [path for path in given if is_dicom(path)]
     pair = len(boards) == 2 and not any(is_image(each) for each in boards)
-    ways = {"DICOM files": bool(dicom), "two boards": pair, "--views": view_poses}
+    ways = {"DICOM": bool(dicom), "a pair of boards": pair, "--views": view_poses, "--diameter": by_diameter}
     named = [way for way, wanted in ways.items() if wanted]
-    others = {"recordings": len(given) > len(dicom) and not view_poses, "a board": bool(boards) and not pair}
+    others = {
+        "recordings": len(given) > len(dicom) and not (view_poses or by_diameter),
+        "a board": bool(boards) and not pair,
+    }
     others |= {"a ruler": ruler is not None, "--contact-free": contact_free}
     if named and (rest := [*named[1:], *(way for way, wanted in others.items() if wanted)]):
         raise InputError(
-            f"calibrate: with {named[0]} only the poses of views are found; leave out {', '.join(rest)}, and calibrate "
-            "from that in a second command"
+            f"calibrate: {named[0]} is one way to calibrate views, without the bench; leave out {', '.join(rest)}, and "
+            "calibrate from that in a second command"
         )
     if dicom:
         return _views_report(views_from_dicom(given, info), info, given)
@@ -166,8 +172,12 @@ def calibrate(
     if view_poses:
         if not paths:
             raise InputError("--views: name a recording of two views")
-        found = views_from_tips(paths, info, lambda share: report("detecting the tip", share))
-        return _views_report(found, info, paths)
+        refined = views_from_tips(paths, info, lambda share: report("detecting the tip", share))
+        return _views_report(refined, info, paths)
+    if by_diameter:
+        if not paths:
+            raise InputError("--diameter: name a recording")
+        return _scales_report(paths[0], info)
     quantities: list[Quantity] = []
     found: BoardResult | None = None
     sources = [path.name for path in paths]
@@ -214,6 +224,15 @@ def calibrate(
 def _views_report(found: CalibratedViews, info: SessionInfo, sources: Sequence[Path]) -> CalibrateReport:
     names = tuple(path.name for path in sources)
     return CalibrateReport(found.quantities, found.remarks, info, None, None, found.views, names)
+
+
+def _scales_report(path: Path, info: SessionInfo) -> CalibrateReport:
+    with RecordingReader(path) as reader:
+        own = reader.session_info.updated(info)
+        views = ordered_views(reader.views)
+    scales = tuple(scale_from_shaft(path, view, own) for view in views)
+    remark = "blur and shadow move the flanks of the shaft: better, measure the scale (--ruler, --board)"
+    return CalibrateReport(scales, (remark,), own, None, None, {}, (path.name,))
 
 
 def _recordings(path: Path) -> list[Path]:

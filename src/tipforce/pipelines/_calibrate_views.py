@@ -33,6 +33,8 @@ from ..types import FloatArray, Frame, Image, SessionInfo, ViewInfo, ordered_vie
 
 _TURNS = ("about the image's right", "about the image's down", "about the viewing direction")
 _SHIFTS = ("along the image's right", "along the image's down", "along the viewing direction")
+_EXACT = (0.0, 0.0, 0.0)
+"""Uncertainties of the first view of a pair, to which the pose of the second one is relative."""
 MAX_BOARD_FRAMES = 30
 """Largest number of pairs of frames of two videos of a board; they are spread over the videos."""
 
@@ -107,7 +109,7 @@ def views_from_boards(boards: Sequence[Path], settings: BoardSettings, info: Ses
             "those that were taken at the same instants, in the same order"
         )
     pair = calibrate_board_pair(list(zip(*images, strict=True)), settings)
-    stds = _rounded(pair.stds)
+    uncertainties = (_EXACT, _EXACT), _uncertainties(pair.stds)
     views: dict[str, ViewInfo] = {}
     quantities: list[Quantity] = []
     for place, (name, camera) in enumerate(zip(names, pair.cameras, strict=True)):
@@ -119,7 +121,8 @@ def views_from_boards(boards: Sequence[Path], settings: BoardSettings, info: Ses
             metres_per_px_uncertainty=float(f"{share:.2g}"),
             projection=camera.projection,
             projection_frame="board",
-            **({"pose_uncertainty_deg": (0.0,) * 3, "pose_uncertainty_m": (0.0,) * 3} if place == 0 else stds),
+            pose_uncertainty_deg=uncertainties[place][0],
+            pose_uncertainty_m=uncertainties[place][1],
         )
         before = info.view(name).metres_per_px
         quantities.append(Quantity(f"scale of {name}, at the board", scale, scale * share, "m/px", 1, before=before))
@@ -196,12 +199,14 @@ def views_from_tips(
     if not refined.determined:
         return CalibratedViews({}, tuple(quantities), tuple(remarks))
     frame = stated.view(second).projection_frame
+    turn_deg, shift_m = _uncertainties(np.sqrt(np.diag(refined.covariance)))
     views = {
-        first: ViewInfo(pose_uncertainty_deg=(0.0,) * 3, pose_uncertainty_m=(0.0,) * 3),
+        first: ViewInfo(pose_uncertainty_deg=_EXACT, pose_uncertainty_m=_EXACT),
         second: ViewInfo(
             projection=refined.camera.projection,
             projection_frame=frame,
-            **_rounded(np.sqrt(np.diag(refined.covariance))),
+            pose_uncertainty_deg=turn_deg,
+            pose_uncertainty_m=shift_m,
         ),
     }
     return CalibratedViews(views, tuple(quantities), tuple(remarks))
@@ -249,12 +254,10 @@ def _stated_cameras(
     return (cameras[0], cameras[1]), (stds[0], stds[1]), assumed
 
 
-def _rounded(stds: FloatArray) -> dict[str, tuple[float, ...]]:
-    """Returns (6,) standard deviations in rad and m as values of a view."""
-    return {
-        "pose_uncertainty_deg": tuple(float(f"{std:.3g}") for std in np.degrees(stds[:3])),
-        "pose_uncertainty_m": tuple(float(f"{std:.3g}") for std in stds[3:]),
-    }
+def _uncertainties(stds: FloatArray) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Returns turn in degrees and shift in m, with three digits, of (6,) standard deviations in rad and m."""
+    a, b, c, d, e, f = (float(f"{std:.3g}") for std in (*np.degrees(stds[:3]), *stds[3:]))
+    return (a, b, c), (d, e, f)
 
 
 def _images(board: Path) -> list[Image]:
