@@ -1,5 +1,6 @@
 """Calibrates a bench from its own recordings: sensor pose, moving mass, knob map, stiffness, tissue, and its camera."""
 
+from ._beads import BeadView, calibrate_beads
 from ._board_pair import BoardPair, calibrate_board_pair
 from ._calibrate import Calibration, SessionResult, calibrate_sessions
 from ._camera import (
@@ -28,6 +29,7 @@ from ._view_tips import read_tip_pairs
 
 __all__ = [
     "PRINT_STD_SHARE",
+    "BeadView",
     "BoardPair",
     "BoardResult",
     "BoardSettings",
@@ -41,6 +43,7 @@ __all__ = [
     "StatedPose",
     "TipPairs",
     "TissueFit",
+    "calibrate_beads",
     "calibrate_board",
     "calibrate_board_pair",
     "calibrate_sessions",

@@ -33,6 +33,13 @@ def command(
         bool,
         typer.Option("--views", help="Only refine the pose of the second view, from the catheter's tip in both."),
     ] = False,
+    beads: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TABLE.csv",
+            help="Marked beads of a phantom, for the poses of the views: columns view,u_px,v_px,x_mm,y_mm,z_mm.",
+        ),
+    ] = None,
     diameter: Annotated[
         bool,
         typer.Option(
@@ -80,6 +87,8 @@ def command(
 
         tipforce calibrate --board board_a/ --board board_b/ --square-mm 8 --squares 9x6 -o bench.toml
 
+        tipforce calibrate --beads beads.csv -o bench.toml
+
         tipforce calibrate plane-a.dcm plane-b.dcm -o bench.toml
 
         tipforce calibrate biplane.mcap --views --bench bench.toml -o bench.toml --overwrite
@@ -89,7 +98,7 @@ def command(
     from ..pipelines import calibrate, describe_calibration, plot_calibration
 
     paths = recordings or []
-    check_outputs(paths, output, plot, json_file)
+    check_outputs([*paths, *([beads] if beads else [])], output, plot, json_file)
     check_new(output, plot, overwrite=overwrite)
     if board and square_mm is None:
         raise InputError("--board: state the side of a square with --square-mm")
@@ -109,6 +118,7 @@ def command(
             view=view,
             view_poses=views,
             by_diameter=diameter,
+            beads=beads,
             progress=report,
         )
     text = None

@@ -83,11 +83,12 @@ class CameraModel:
         return cls(np.array([focal, focal]), centre, frozen("distortion", distortion, (5,)), Pose(turn, translation))
 
     @classmethod
-    def from_projection(cls, projection: ArrayLike) -> "CameraModel":
+    def from_projection(cls, projection: ArrayLike, max_skew: float = MAX_SKEW) -> "CameraModel":
         """Returns the camera without distortion of a projection matrix, the inverse of `projection_matrix`.
 
         Args:
             projection: (3, 4) matrix; the world's origin is in front of the camera.
+            max_skew: largest cosine between the axes of the pixels that is ignored.
 
         Returns:
             The camera; fx is negative where the matrix mirrors the image.
@@ -109,7 +110,7 @@ class CameraModel:
         ahead, centre = matrix[2, :3], matrix[:2, :3] @ matrix[2, :3]
         across, down = matrix[:2, :3] - np.outer(centre, ahead)
         focal = np.array([float(np.linalg.norm(across)), float(np.linalg.norm(down))])
-        if not (focal > 1e-6).all() or abs(across @ down) > MAX_SKEW * focal[0] * focal[1]:
+        if not (focal > 1e-6).all() or abs(across @ down) > max_skew * focal[0] * focal[1]:
             raise ValueError("projection: expected rectangular pixels, got a matrix with skewed axes")
         y_axis = down / focal[1]
         x_axis = np.cross(y_axis, ahead)

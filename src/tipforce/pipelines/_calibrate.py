@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..estimators import no_progress
 from ..io import RecordingReader, is_dicom, is_image, read_image
 from ..types import DEFAULT_VIEW, SessionInfo, ViewInfo, bench_text, edited_bench, ordered_views
-from ._calibrate_views import CalibratedViews, views_from_boards, views_from_dicom, views_from_tips
+from ._calibrate_views import CalibratedViews, views_from_beads, views_from_boards, views_from_dicom, views_from_tips
 from ._estimate import session_info_from
 
 READING_SHARE = 0.9
@@ -119,6 +119,7 @@ def calibrate(
     view: str = DEFAULT_VIEW,
     view_poses: bool = False,
     by_diameter: bool = False,
+    beads: Path | str | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> CalibrateReport:
     """Calibrates a bench from recordings, a board or a ruler, or the poses of its views.
@@ -137,6 +138,7 @@ def calibrate(
         view: the view whose scale board and ruler give.
         view_poses: only the pose of the second view of the recordings is refined, from the catheter's tip.
         by_diameter: only the scales of the views of a recording are found, from the stated diameter of the shaft.
+        beads: a table of the marked beads of a phantom, for the poses of the views in it.
         progress: called with the current step and the share that is done.
 
     Returns:
@@ -153,6 +155,7 @@ def calibrate(
     dicom = [path for path in given if is_dicom(path)]
     pair = len(boards) == 2 and not any(is_image(each) for each in boards)
     ways = {"DICOM": bool(dicom), "a pair of boards": pair, "--views": view_poses, "--diameter": by_diameter}
+    ways["beads"] = beads is not None
     named = [way for way, wanted in ways.items() if wanted]
     others = {
         "recordings": len(given) > len(dicom) and not (view_poses or by_diameter),
@@ -166,6 +169,8 @@ def calibrate(
         )
     if dicom:
         return _views_report(views_from_dicom(given, info), info, given)
+    if beads is not None:
+        return _views_report(views_from_beads(Path(beads), info), info, [Path(beads)])
     if pair:
         return _views_report(views_from_boards(boards, board_settings or BoardSettings(), info), info, boards)
     paths = [path for each in given for path in _recordings(each)]

@@ -1,5 +1,6 @@
 """Poses and scales of views: from DICOM headers, from a board that two cameras see, and from the catheter's tip."""
 
+import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._system.json_files import read_small_text
 from ..calibration import (
     PRINT_STD_SHARE,
     BoardSettings,
@@ -14,12 +16,13 @@ from ..calibration import (
     RelativePose,
     StatedPose,
     TipPairs,
+    calibrate_beads,
     calibrate_board_pair,
     read_tip_pairs,
     refine_relative_pose,
     relative_covariance,
 )
-from ..errors import InputError
+from ..errors import FileFormatError, InputError
 from ..geometry import CameraModel
 from ..io import (
     ASSUMED_SHIFT_M,
@@ -33,6 +36,8 @@ from ..types import FloatArray, Frame, Image, SessionInfo, ViewInfo, ordered_vie
 
 _TURNS = ("about the image's right", "about the image's down", "about the viewing direction")
 _SHIFTS = ("along the image's right", "along the image's down", "along the viewing direction")
+BEAD_COLUMNS = ("view", "u_px", "v_px", "x_mm", "y_mm", "z_mm")
+"""Columns of a table of beads: pixel, and position in the phantom's frame."""
 _EXACT = (0.0, 0.0, 0.0)
 """Uncertainties of the first view of a pair, to which the pose of the second one is relative."""
 MAX_BOARD_FRAMES = 30
@@ -145,6 +150,60 @@ def views_from_boards(boards: Sequence[Path], settings: BoardSettings, info: Ses
             f"the lenses move pixels by up to {lens:.1f} px at the image's edge; detection does not undo it",
         ),
     )
+
+
+def views_from_beads(table: Path, info: SessionInfo) -> CalibratedViews:
+    """Finds poses and scales of views from the marked beads of a phantom.
+
+    Args:
+        table: a table (CSV) with the columns of `BEAD_COLUMNS`, one row for a bead in a view.
+        info: metadata, for the values before.
+
+    Raises:
+        FileFormatError: the table cannot be read.
+        InputError: a column is missing, or see `calibrate_beads`.
+    """
+    rows = _bead_rows(table)
+    views: dict[str, ViewInfo] = {}
+    quantities: list[Quantity] = []
+    remarks: list[str] = []
+    for name in ordered_views(rows):
+        values = np.array(rows[name])
+        found = calibrate_beads(1e-3 * values[:, 2:], values[:, :2], f"{table}, view {name}")
+        distance = float(found.camera.camera_from_world.translation_m[2])
+        scale, share = distance / float(found.camera.focal_px[1]), float(found.stds[5]) / distance
+        turn_deg, shift_m = _uncertainties(found.stds)
+        views[name] = ViewInfo(
+            float(f"{scale:.5g}"),
+            metres_per_px_uncertainty=max(1e-4, float(f"{share:.2g}")),
+            projection=found.camera.projection,
+            projection_frame="board",
+            pose_uncertainty_deg=turn_deg,
+            pose_uncertainty_m=shift_m,
+        )
+        before = info.view(name).metres_per_px
+        quantities.append(Quantity(f"scale of {name}, at the phantom", scale, scale * share, "m/px", 1, before=before))
+        remarks.append(f"view {name}: {found.beads} beads fit to {found.residual_px:.2f} px")
+    return CalibratedViews(views, tuple(quantities), tuple(remarks))
+
+
+def _bead_rows(table: Path) -> dict[str, list[list[float]]]:
+    """Returns view -> rows of u, v in px and x, y, z in mm."""
+    try:
+        lines = list(csv.DictReader(read_small_text(table).splitlines()))
+    except (OSError, ValueError, csv.Error) as error:
+        raise FileFormatError(f"{table}: cannot be read as a table of beads ({error})") from None
+    rows: dict[str, list[list[float]]] = {}
+    for number, line in enumerate(lines, start=2):
+        try:
+            rows.setdefault(line["view"].strip(), []).append([float(line[name]) for name in BEAD_COLUMNS[1:]])
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise InputError(
+                f"{table}, line {number}: expected the columns {','.join(BEAD_COLUMNS)}, a name and five numbers"
+            ) from None
+    if not rows:
+        raise InputError(f"{table}: has no row; expected the columns {','.join(BEAD_COLUMNS)}")
+    return rows
 
 
 def views_from_tips(

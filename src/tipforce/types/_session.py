@@ -81,8 +81,8 @@ class ViewInfo:
         polarity: whether the catheter is darker or lighter than the ground.
         modality: kind of image.
         projection: (3, 4) matrix from metres in ``projection_frame`` to pixels.
-        projection_frame: "base"; "isocentre": x to the patient's left, y to the back, z to the head; or "board": origin
-            in the middle of a calibration board, x right, y down, z ahead of the first view.
+        projection_frame: "base"; "isocentre": x to the patient's left, y to the back, z to the head; or "board": of a
+            calibration board (origin in its middle, x right, y down, z ahead of the first view) or phantom.
         pose_uncertainty_deg: (3,) standard uncertainties of the view's turn about the origin of ``projection_frame``:
             about the image's right, its down and the viewing direction, degrees. 0 for the view of a pair to which the
             pose of the other one is relative.

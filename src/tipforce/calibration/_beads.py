@@ -1,0 +1,127 @@
+"""The pose of a view from a phantom: beads at known positions, and the pixels at which an image shows them."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ..errors import InputError
+from ..geometry import CameraModel, Pose
+from ..types import FloatArray
+
+MIN_BEADS = 8
+"""Six determine a view; two more show whether one is marked wrongly."""
+BEAD_STD_PX = 0.3
+"""Smallest standard deviation of a marked bead."""
+MAX_RESIDUAL_PX = 3.0
+"""A bead that is farther from its fitted pixel is marked wrongly, or has another bead's position."""
+MAX_LINEAR_SKEW = 0.5
+"""Largest cosine between the axes of the pixels in the linear solution, which noise skews."""
+MIN_DEPTH_SHARE = 0.05
+"""Least extent of the beads in their thinnest direction, over that in their longest one: a plane does not determine a
+view."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeadView:
+    """A view from the beads of a phantom.
+
+    Attributes:
+        camera: the camera, in the phantom's frame.
+        stds: (6,) standard deviations: turn about the phantom's origin in rad, shift in m, along the camera's axes; the
+            last one is that of the distance for the focal length found, which is the scale's.
+        residual_px: RMS distance of the beads from their fitted pixels.
+        beads: number of beads.
+    """
+
+    camera: CameraModel
+    stds: FloatArray
+    residual_px: float
+    beads: int
+
+
+def calibrate_beads(points_m: FloatArray, pixels: FloatArray, where: str) -> BeadView:
+    """Finds the camera of a view with square pixels and without distortion.
+
+    The linear solution (Hartley and Zisserman, 7.1) is refined in the image.
+
+    Args:
+        points_m: (n, 3) positions of the beads in the phantom's frame, whose origin is near their middle.
+        pixels: (n, 2) their pixels.
+        where: the file and view, for messages.
+
+    Returns:
+        The camera.
+
+    Raises:
+        InputError: there are too few beads, they are in a plane, or one does not fit.
+    """
+    if len(points_m) < MIN_BEADS:
+        raise InputError(f"{where}: has {len(points_m)} beads, and {MIN_BEADS} are needed to find the pose")
+    middle = points_m.mean(axis=0)
+    extents = np.linalg.svd(points_m - middle, compute_uv=False)
+    if extents[2] < MIN_DEPTH_SHARE * extents[0]:
+        raise InputError(
+            f"{where}: the beads are nearly in a plane, which does not determine the pose; mark beads at several depths"
+        )
+    start = _linear(points_m, pixels, where)
+    signs = np.sign(start.focal_px)
+    base = start.camera_from_world.rotation
+    focal = float(np.mean(np.abs(start.focal_px)))
+
+    def camera(values: FloatArray) -> CameraModel:
+        turn = Pose.from_axis_angle(values[3:6], np.zeros(3)).rotation
+        return CameraModel(signs * values[0], values[1:3], camera_from_world=Pose(turn @ base, values[6:9]))
+
+    def residuals(values: FloatArray) -> FloatArray:
+        return (camera(values).project(points_m) - pixels).ravel()
+
+    first = np.concatenate([[focal], start.centre_px, np.zeros(3), start.camera_from_world.translation_m])
+    sizes = np.concatenate([[focal], [focal] * 2, np.ones(3), [first[8]] * 3])
+    fit = least_squares(residuals, first, x_scale=np.abs(sizes), method="trf")
+    found = np.asarray(fit.x, np.float64)
+    left = residuals(found).reshape(-1, 2)
+    off = np.linalg.norm(left, axis=1)
+    worst = int(off.argmax())
+    if off[worst] > MAX_RESIDUAL_PX:
+        raise InputError(
+            f"{where}: bead {worst + 1} is {off[worst]:.1f} px from the pixel that fits the other beads, "
+            f"{MAX_RESIDUAL_PX:g} px are allowed: check its pixel and its position"
+        )
+    variance = max(BEAD_STD_PX**2, float((left**2).sum()) / (left.size - len(found)))
+    covariance = variance * np.linalg.pinv(fit.jac.T @ fit.jac)
+    # a longer focal length at a larger distance gives the same image: only the distance over the focal length counts
+    change = np.zeros((6, 9))
+    change[:3, 3:6], change[3:, 6:9] = np.eye(3), np.eye(3)
+    change[5, 0] = -found[8] / found[0]
+    # so do a shifted centre and a shifted phantom
+    change[3, 1], change[4, 2] = signs[0] * found[8] / found[0], found[8] / found[0]
+    stds = np.sqrt(np.diag(change @ covariance @ change.T))
+    return BeadView(camera(found), stds, math.sqrt(float(np.mean(off**2))), len(points_m))
+
+
+def _linear(points_m: FloatArray, pixels: FloatArray, where: str) -> CameraModel:
+    """Returns the camera of the direct linear transformation."""
+    middles = points_m.mean(axis=0), pixels.mean(axis=0)
+    scales = [
+        math.sqrt(values.shape[1]) / float(np.linalg.norm(values - middle, axis=1).mean())
+        for values, middle in zip((points_m, pixels), middles, strict=True)
+    ]
+    world, image = (
+        (values - middle) * scale for values, middle, scale in zip((points_m, pixels), middles, scales, strict=True)
+    )
+    rows: list[FloatArray] = []
+    for (x, y, z), (u, v) in zip(world, image, strict=True):
+        point = np.array([x, y, z, 1.0])
+        rows += [np.concatenate([point, np.zeros(4), -u * point]), np.concatenate([np.zeros(4), point, -v * point])]
+    matrix = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 4)
+    from_world = np.eye(4)
+    from_world[:3, :3] *= scales[0]
+    from_world[:3, 3] = -scales[0] * middles[0]
+    to_image = np.array([[1 / scales[1], 0.0, middles[1][0]], [0.0, 1 / scales[1], middles[1][1]], [0.0, 0.0, 1.0]])
+    projection = to_image @ matrix @ from_world
+    try:
+        return CameraModel.from_projection(projection, max_skew=MAX_LINEAR_SKEW)
+    except ValueError as error:
+        raise InputError(f"{where}: the beads fit no view ({error}); check their pixels and positions") from None
