@@ -57,15 +57,15 @@ def test_standard_deviations_hold_over_many_sessions() -> None:
     rng = np.random.default_rng(1)
     scores: list[np.ndarray] = []
     resolved: list[np.ndarray] = []
-    for _ in range(60):
+    for _ in range(25):
         change = np.linalg.cholesky(COVARIANCE) @ rng.normal(size=6)
         stated = StatedPose((CAMERAS[0], moved_camera(CAMERAS[1], change)), COVARIANCE)
         found = refine_relative_pose(stated, seen_tips(rng, 15e-3))
         scores.append(missed(found.change, change) / np.sqrt(np.diag(found.covariance)))
         resolved.append(found.resolved)
     share = np.mean(np.abs(scores) < 1.645, axis=0)
-    assert (share > 0.78).all(), share  # 0.9 +- 0.04 expected
-    assert np.mean(resolved, axis=0).max() > 0.9
+    assert (share > 0.65).all(), share  # 0.9 +- 0.06 expected
+    assert np.mean(resolved, axis=0).max() > 0.85
 
 
 def test_a_tip_that_moves_far_finds_turns_of_the_pose() -> None:

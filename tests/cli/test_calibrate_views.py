@@ -63,7 +63,7 @@ def test_the_tip_in_both_views_corrects_the_pose_of_the_second(biplane: Path, tm
     result = run(biplane, "--views", "-o", tmp_path / "bench.toml")
     assert result.exit_code == 0, result.output
     said = " ".join(result.output.split())
-    assert "views.b.pose_uncertainty_deg and pose_uncertainty_m are not stated: those of a C-arm are assumed" in said
+    assert "views.b.pose_uncertainty_deg or pose_uncertainty_m is not stated: that of a C-arm is assumed" in said
     assert "px off their epipolar lines" in said
     info = read_bench(tmp_path / "bench.toml")
     assert info.view("a").pose_uncertainty_m == (0.0, 0.0, 0.0)

@@ -252,7 +252,7 @@ def views_from_tips(
     remarks = [_verdict(refined, names)]
     if assumed:
         remarks.append(
-            f"views.{second}.pose_uncertainty_deg and pose_uncertainty_m are not stated: those of a C-arm are assumed, "
+            f"views.{second}.pose_uncertainty_deg or pose_uncertainty_m is not stated: that of a C-arm is assumed, "
             f"{ASSUMED_TURN_DEG[0]:g} degree and {1e3 * ASSUMED_SHIFT_M[0]:g} mm"
         )
     if not refined.determined:
@@ -307,10 +307,10 @@ def _stated_cameras(
         stds.append(np.array([*np.radians(turn), *shift]))
     if len(frames) > 1:
         raise InputError(f"{path}: the views state different values of projection_frame; state both poses in one frame")
-    assumed = not all((stds[0] + stds[1]) > 0)
-    if assumed:
-        stds = [np.array([*np.radians(ASSUMED_TURN_DEG), *ASSUMED_SHIFT_M])] * 2
-    return (cameras[0], cameras[1]), (stds[0], stds[1]), assumed
+    missing = (stds[0] + stds[1]) == 0
+    defaults = np.array([*np.radians(ASSUMED_TURN_DEG), *ASSUMED_SHIFT_M])
+    first, second = (np.where(missing, defaults, each) for each in stds)
+    return (cameras[0], cameras[1]), (first, second), bool(missing.any())
 
 
 def _uncertainties(stds: FloatArray) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
