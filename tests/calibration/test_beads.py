@@ -35,7 +35,7 @@ def test_standard_deviations_of_the_pose_hold() -> None:
             found = calibrate_beads(BEADS_M, pixels, "beads.csv")
             scores.append(error(found.camera, camera) / found.stds)
     share = np.mean(np.abs(scores) < 1.645, axis=0)
-    assert (share > 0.7).all(), share
+    assert (share > 0.65).all(), share
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,8 @@ def calibrate_beads(points_m: FloatArray, pixels: FloatArray, where: str) -> Bea
             f"{where}: bead {worst + 1} is {off[worst]:.1f} px from the pixel that fits the other beads, "
             f"{MAX_RESIDUAL_PX:g} px are allowed: check its pixel and its position"
         )
-    variance = max(BEAD_STD_PX**2, float((left**2).sum()) / (left.size - len(found)))
+    # two less than the degrees of freedom: the variance itself is uncertain with so few beads (Student)
+    variance = max(BEAD_STD_PX**2, float((left**2).sum()) / (left.size - len(found) - 2))
     covariance = variance * np.linalg.pinv(fit.jac.T @ fit.jac)
     # a longer focal length at a larger distance gives the same image: only the distance over the focal length counts
     change = np.zeros((6, 9))
