@@ -31,7 +31,7 @@ OPEN_TURN_DEG, OPEN_SHIFT_M = 5.0, 10e-3
 RESOLVED_SHARE = 0.5
 """A direction counts as determined where the tip explains more than this share of the variance of that prior."""
 MAX_P_VALUE = 0.01
-"""A stated pose is contradicted where so large a difference is less probable than this."""
+"""The catheter and a stated pose differ where so large a difference is less probable than this."""
 _MAX_ITERATIONS = 20
 MIN_SPREAD = 0.5
 """Smallest factor by which the scatter of the residuals reduces the assumed standard deviations of the tip."""
@@ -99,8 +99,8 @@ class RelativePose:
     frames: int
 
     @property
-    def contradicts(self) -> bool:
-        """Whether the catheter contradicts the stated pose."""
+    def differs(self) -> bool:
+        """Whether the catheter and the stated pose differ by more than their errors."""
         return self.p_value < MAX_P_VALUE
 
 
@@ -123,9 +123,9 @@ def relative_covariance(cameras: tuple[CameraModel, CameraModel], stds: tuple[Fl
 def refine_relative_pose(stated: StatedPose, tips: TipPairs) -> RelativePose:
     """Refines the pose of the second camera so that the tips of both views are in the same epipolar planes.
 
-    A first fit with hardly any prior gives the noise of the tips and the test of the stated pose. The second one gives
-    the most probable pose under the stated one with its covariance. Where the tips contradict that, the covariance is
-    doubled until the chi-square is at most its degrees of freedom.
+    A first fit with a wide prior gives the noise of the tips and the test of the stated pose. The second one gives
+    the most probable pose under the stated one with its covariance. Where the tips differ from that by more, the
+    covariance is doubled until the chi-square is at most its degrees of freedom.
 
     Args:
         stated: the cameras.

@@ -229,5 +229,5 @@ def _table_shift_m(data: Any, missing: list[str]) -> float:
     moved_mm = {name: _largest(data, f"Table{name}Increment", abs) for name in names}
     if max(moved_mm.values()) > 0:
         text = ", ".join(f"{name.lower()} {value:g} mm" for name, value in moved_mm.items() if value)
-        missing.append(f"the table moves during the run ({text}): what moves in the images is not the tissue alone")
+        missing.append(f"the table moves during the run ({text}): not only the tissue moves in the images")
     return 1e-3 * moved_mm["Vertical"] / math.sqrt(12.0)

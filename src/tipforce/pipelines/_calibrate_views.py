@@ -51,7 +51,7 @@ class CalibratedViews:
     Attributes:
         views: name -> values that are written into ``bench.toml``.
         quantities: rows of the table.
-        remarks: sentences on what was found and what was not.
+        remarks: sentences on the values, found or not.
     """
 
     views: dict[str, ViewInfo]
@@ -243,7 +243,9 @@ def views_from_tips(
             scale * math.sqrt(float(refined.covariance[k, k])),
             unit,
             refined.frames,
-            doubt="" if refined.resolved[k] > 0.5 else f"hardly determined: +- {scale * stated_stds[k]:.2g} stated",
+            doubt=""
+            if refined.resolved[k] > 0.5
+            else f"not determined beyond the stated value: +- {scale * stated_stds[k]:.2g} stated",
         )
         for k, (text, scale, unit) in enumerate(
             zip((*_TURNS, *_SHIFTS), (*(180.0 / math.pi,) * 3, *(1e3,) * 3), ("deg",) * 3 + ("mm",) * 3, strict=True)
@@ -277,9 +279,9 @@ def _verdict(refined: RelativePose, names: tuple[str, ...]) -> str:
     if not refined.determined:
         return f"the tip moves too little to determine the pose of {names[1]}, which stays as stated; tips are {off}"
     test = f"chi-square {refined.chi_square:.1f} with {refined.determined} directions, p = {refined.p_value:.2g}"
-    if refined.contradicts:
+    if refined.differs:
         return (
-            f"the catheter contradicts the stated pose of {names[1]} relative to {names[0]} ({test}): tips are {off}; "
+            f"the catheter and the stated pose of {names[1]} relative to {names[0]} differ ({test}): tips are {off}; "
             "check the angles, and which file is which view. The standard deviations are widened"
         )
     return f"the catheter agrees with the stated pose of {names[1]} relative to {names[0]} ({test}); tips are {off}"
