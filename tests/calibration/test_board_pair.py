@@ -85,7 +85,7 @@ def write(folder: Path, images: list[tuple[np.ndarray, np.ndarray]], place: int)
 def test_two_folders_write_the_poses_of_both_views(images: list[tuple[np.ndarray, np.ndarray]], tmp_path: Path) -> None:
     boards = write(tmp_path / "board_a", images, 0), write(tmp_path / "board_b", images, 1)
     words = ["calibrate", "--board", *map(str, (boards[0], "--board", boards[1]))]
-    words += ["--square-mm", "8", "--marker-mm", "6", "--squares", "9x6", "-o", str(tmp_path / "bench.toml")]
+    words += ["--squares", "9x6,8,6", "-o", str(tmp_path / "bench.toml")]
     result = CliRunner().invoke(app, words, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     assert "9 pairs of images show the board to both cameras" in " ".join(result.output.split())
@@ -108,7 +108,7 @@ def test_two_folders_write_the_poses_of_both_views(images: list[tuple[np.ndarray
 
 def test_folders_of_different_length_are_no_pairs(images: list[tuple[np.ndarray, np.ndarray]], tmp_path: Path) -> None:
     boards = write(tmp_path / "board_a", images, 0), write(tmp_path / "board_b", images[:7], 1)
-    words = ["calibrate", "--board", str(boards[0]), "--board", str(boards[1]), "--square-mm", "8", "--squares", "9x6"]
+    words = ["calibrate", "--board", str(boards[0]), "--board", str(boards[1]), "--squares", "9x6,8"]
     result = CliRunner().invoke(app, words)
     assert isinstance(result.exception, InputError)
     assert "has 9 images of the board" in str(result.exception)

@@ -94,8 +94,8 @@ def test_a_ruler_writes_the_scale_and_keeps_the_file(tmp_path: Path) -> None:
         ([], "recordings, board and ruler are all missing"),
         (["--ruler", "1,2,3"], "U0,V0,U1,V1,MM"),
         (["--ruler", "1,2,3,x,5"], "U0,V0,U1,V1,MM"),
-        (["--board", "nowhere.png"], "state the side of a square with --square-mm"),
-        (["--board", "nowhere.png", "--square-mm", "8", "--squares", "many"], "expected squares across and down"),
+        (["--board", "nowhere.png"], "state its squares, as in --squares 7x5,8"),
+        (["--board", "nowhere.png", "--squares", "many,8"], "expected squares across and down"),
         (["video.mp4"], "is no recording"),
     ],
 )

@@ -103,7 +103,7 @@ def test_one_view_has_no_pose_to_refine(tmp_path: Path) -> None:
         writer.write(Frame(0, draw_image(CAMERAS["a"], 0)))
     result = run(path, "--views")
     assert isinstance(result.exception, InputError)
-    assert "--views needs a recording of two views, and this one has 1" in str(result.exception)
+    assert "view_poses=True needs a recording of two views, and this one has 1" in str(result.exception)
 
 
 def test_dicom_headers_fill_bench_toml_and_every_line_stays(tmp_path: Path) -> None:

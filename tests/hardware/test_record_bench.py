@@ -94,7 +94,7 @@ def test_a_device_that_is_missing_is_named_unless_it_is_stated_that_it_may(devic
         BenchRecording(bench).connect()
     recording = BenchRecording(bench, partial=True)
     assert any("none cannot be opened" in line for line in recording.connect())
-    threading.Timer(0.3, recording.stop).start()
+    threading.Timer(1.0, recording.stop).start()
     report = recording.run(tmp_path / "run.mcap", tare="none", offset_ms="none")
     assert "knob" not in report.summary.info.streams
     assert any("nothing came of knob" in line for line in report.remarks)

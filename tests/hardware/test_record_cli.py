@@ -49,7 +49,7 @@ def test_ctrl_c_ends_a_recording_with_all_that_it_has(bench, tmp_path, monkeypat
 
     def interrupt():
         end = time.monotonic() + 60.0
-        while not (part.exists() and part.stat().st_size > 20_000):  # some half a second of events
+        while not (part.exists() and part.stat().st_size > 80_000):  # some two seconds of events
             assert time.monotonic() < end
             time.sleep(0.01)
         os.kill(os.getpid(), signal.SIGINT)

@@ -165,6 +165,18 @@ def test_two_lengths_that_contradict_each_other_leave_the_length_unsure():
     assert error >= 50.0
 
 
+def test_the_detected_diameter_is_that_of_the_image_and_not_the_stated_one():
+    images, _, info = session()
+    scale = info.view("camera").metres_per_px
+    assert info.catheter.diameter_m is not None
+    assert scale is not None
+    true_px = info.catheter.diameter_m / scale
+    stated = replace(info, catheter=replace(info.catheter, diameter_m=1.25 * info.catheter.diameter_m))
+    detector = SessionDetector(HIDDEN_TIPS.model_copy(update={"least_probability": 0.0}), stated, images)
+    diameters = [shape.diameter_px for image in images if (shape := detector.detect(image)).found]
+    assert float(np.median(diameters)) == pytest.approx(true_px, rel=0.15)
+
+
 def test_the_diameter_is_found_where_it_is_not_stated():
     images, _, info = session()
     scale = info.view("camera").metres_per_px

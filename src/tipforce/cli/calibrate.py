@@ -54,12 +54,14 @@ def command(
             "each of two cameras, named after its view: their poses.",
         ),
     ] = None,
-    square_mm: Annotated[float | None, typer.Option(help="Side of a square of the board.")] = None,
-    marker_mm: Annotated[
-        float | None, typer.Option(help="Side of a marker; default three quarters of a square.")
+    squares: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NxM,MM[,MARKER_MM[,DICTIONARY]]",
+            help="The board: squares across and down, side of a square, side of a marker (default three quarters of "
+            "it), OpenCV's name of the markers (default DICT_4X4_50).",
+        ),
     ] = None,
-    squares: Annotated[str, typer.Option(metavar="NxM", help="Squares of the board, across and down.")] = "7x5",
-    dictionary: Annotated[str, typer.Option(help="Of the board's markers, by OpenCV's name.")] = "DICT_4X4_50",
     ruler: Annotated[
         str | None, typer.Option(metavar="U0,V0,U1,V1,MM", help="Two image points and the distance between them.")
     ] = None,
@@ -83,9 +85,9 @@ def command(
 
         tipforce calibrate --ruler 240,100,252,140,9.5 --view b --bench bench.toml -o bench.toml --overwrite
 
-        tipforce calibrate --board board/ --square-mm 8 --squares 9x6 --bench bench.toml -o new.toml
+        tipforce calibrate --board board/ --squares 9x6,8 --bench bench.toml -o new.toml
 
-        tipforce calibrate --board board_a/ --board board_b/ --square-mm 8 --squares 9x6 -o bench.toml
+        tipforce calibrate --board board_a/ --board board_b/ --squares 9x6,8 -o bench.toml
 
         tipforce calibrate --beads beads.csv -o bench.toml
 
@@ -100,12 +102,12 @@ def command(
     paths = recordings or []
     check_outputs([*paths, *([beads] if beads else [])], output, plot, json_file)
     check_new(output, plot, overwrite=overwrite)
-    if board and square_mm is None:
-        raise InputError("--board: state the side of a square with --square-mm")
+    if board and squares is None:
+        raise InputError("--board: state its squares, as in --squares 7x5,8: across, down, and their side in mm")
     settings = None
-    if square_mm is not None:
-        marker = None if marker_mm is None else 1e-3 * marker_mm
-        settings = BoardSettings(_squares(squares), 1e-3 * square_mm, marker, dictionary)
+    if squares is not None:
+        count, square_mm, marker_mm, dictionary = _squares(squares)
+        settings = BoardSettings(count, 1e-3 * square_mm, None if marker_mm is None else 1e-3 * marker_mm, dictionary)
     with progress_bar() as report:
         done = calibrate(
             paths,
@@ -137,11 +139,16 @@ def command(
     write_json(done.figures(), json_file)
 
 
-def _squares(text: str) -> tuple[int, int]:
-    across, _, down = text.lower().partition("x")
-    if not (across.strip().isdecimal() and down.strip().isdecimal()):
-        raise InputError(f"--squares {text}: expected squares across and down, as in 7x5")
-    return int(across), int(down)
+def _squares(text: str) -> tuple[tuple[int, int], float, float | None, str]:
+    """Returns the squares across and down, the sides of a square and a marker in mm, and the name of the markers."""
+    expected = "squares across and down and their side in mm, as in 7x5,8; then a marker's side and OpenCV's name"
+    count, *rest = text.split(",")
+    across, _, down = count.lower().partition("x")
+    if not (across.strip().isdecimal() and down.strip().isdecimal() and 1 <= len(rest) <= 3):
+        raise InputError(f"--squares {text}: expected {expected}")
+    sides = [number_from(part, f"--squares {text}", expected) for part in rest[:2]]
+    name = rest[2].strip() if len(rest) == 3 else "DICT_4X4_50"
+    return (int(across), int(down)), sides[0], sides[1] if len(sides) == 2 else None, name
 
 
 def _ruler(text: str | None) -> tuple[float, float, float, float, float] | None:

@@ -28,7 +28,7 @@ def epipolar_angles(cameras: Sequence[CameraModel], pixels: ArrayLike) -> FloatA
     >>> left = CameraModel(np.array([800.0, 800.0]), np.array([320.0, 240.0]))
     >>> right = left.seen_from(Pose.from_euler([0.0, 0.0, 0.0], [-0.1, 0.0, 0.0]))
     >>> left_angle, right_angle = epipolar_angles([left, right], [[[340.0, 200.0], [140.0, 200.0]]])[0]
-    >>> abs(left_angle - right_angle) < 1e-12
+    >>> bool(abs(left_angle - right_angle) < 1e-12)
     True
     """
     first, second = cameras

@@ -71,7 +71,7 @@ def _check_decoder(path: Path, data: Any) -> None:
     install = f"`{sys.executable} -m pip install python-gdcm`, or " if known else ""
     raise FileFormatError(
         f"{path}: its images are compressed ({syntax.name}), and no decoder for them is installed; {install}save it "
-        f"uncompressed: gdcmconv --raw {path.name} {path.stem}-raw.dcm"
+        "uncompressed, for example with gdcmconv"
     )
 
 

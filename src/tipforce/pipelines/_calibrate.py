@@ -154,14 +154,19 @@ def calibrate(
     boards = [] if board is None else [Path(each) for each in ([board] if isinstance(board, str | Path) else board)]
     dicom = [path for path in given if is_dicom(path)]
     pair = len(boards) == 2 and not any(is_image(each) for each in boards)
-    ways = {"DICOM": bool(dicom), "a pair of boards": pair, "--views": view_poses, "--diameter": by_diameter}
+    ways = {
+        "DICOM": bool(dicom),
+        "a pair of boards": pair,
+        "view_poses=True": view_poses,
+        "by_diameter=True": by_diameter,
+    }
     ways["beads"] = beads is not None
     named = [way for way, wanted in ways.items() if wanted]
     others = {
         "recordings": len(given) > len(dicom) and not (view_poses or by_diameter),
         "a board": bool(boards) and not pair,
     }
-    others |= {"a ruler": ruler is not None, "--contact-free": contact_free}
+    others |= {"a ruler": ruler is not None, "contact_free=True": contact_free}
     if named and (rest := [*named[1:], *(way for way, wanted in others.items() if wanted)]):
         raise InputError(
             f"calibrate: {named[0]} is one way to calibrate views, without the bench; leave out {', '.join(rest)}, and "
@@ -176,12 +181,12 @@ def calibrate(
     paths = [path for each in given for path in _recordings(each)]
     if view_poses:
         if not paths:
-            raise InputError("--views: name a recording of two views")
+            raise InputError("view_poses=True: name a recording of two views")
         refined = views_from_tips(paths, info, lambda share: report("detecting the tip", share))
         return _views_report(refined, info, paths)
     if by_diameter:
         if not paths:
-            raise InputError("--diameter: name a recording")
+            raise InputError("by_diameter=True: name a recording")
         return _scales_report(paths[0], info)
     quantities: list[Quantity] = []
     found: BoardResult | None = None
@@ -236,7 +241,7 @@ def _scales_report(path: Path, info: SessionInfo) -> CalibrateReport:
         own = reader.session_info.updated(info)
         views = ordered_views(reader.views)
     scales = tuple(scale_from_shaft(path, view, own) for view in views)
-    remark = "blur and shadow move the flanks of the shaft: better, measure the scale (--ruler, --board)"
+    remark = "blur and shadow move the flanks of the shaft: better, measure the scale with a ruler or a board"
     return CalibrateReport(scales, (remark,), own, None, None, {}, (path.name,))
 
 

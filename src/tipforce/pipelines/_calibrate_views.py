@@ -224,7 +224,9 @@ def views_from_tips(
     with RecordingReader(recordings[0]) as reader:
         names, stated = ordered_views(reader.views), reader.session_info.updated(info)
     if len(names) != 2:
-        raise InputError(f"{recordings[0]}: --views needs a recording of two views, and this one has {len(names)}")
+        raise InputError(
+            f"{recordings[0]}: view_poses=True needs a recording of two views, and this one has {len(names)}"
+        )
     first, second = names
     cameras, stds, assumed = _stated_cameras(recordings[0], stated, names)
     for k, path in enumerate(recordings):

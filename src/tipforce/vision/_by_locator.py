@@ -159,7 +159,7 @@ class LocatorDetector:
             "the tip is hidden: it is placed by the session's length" if hidden else "",
             CentrelinePx(line.points),
             BasePose(begins, -line.heading_rad),
-            prior.diameter_px,
+            line.diameter_px,
             float(line.seen.mean()),
             probability_right=right,
             seen=line.seen,

@@ -7,7 +7,7 @@ error. So a hidden tip is at that length, with a standard deviation that says so
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -70,7 +70,7 @@ class Located:
         spread: median standard deviation across the seen part, diameters.
         bend: largest curvature of the line, in 1 / length.
         misfit: median distance of the rough points from the line, diameters.
-        diameter_px: diameter of the shaft: the stated one, or else the second network's.
+        diameter_px: diameter of the shaft as the second network sees it, also where another one is stated.
         darker: whether the shaft is darker than the ground beside it.
         other_base_px: (2,) u, v of the second most probable base.
         other_base_mass: its probability.
@@ -191,7 +191,8 @@ def locate(
         readings.append(reading)
         if prompts.diameter_px is None:
             diameter_px = max(diameter_px * reading.read.width, MIN_DIAMETER_PX)
-    return _located(read, readings[-2], readings[-1], line, diameter_px, points)
+    seen_px = diameter_px * (readings[-1].read.width if prompts.diameter_px else 1.0)
+    return replace(_located(read, readings[-2], readings[-1], line, diameter_px, points), diameter_px=seen_px)
 
 
 def _long_enough(line: FloatArray, shape: tuple[int, ...]) -> bool:
