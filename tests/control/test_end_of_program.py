@@ -66,7 +66,10 @@ slow = pytest.mark.slow
 def test_the_drives_brake_whatever_ends_the_program(tmp_path: Path, end: str) -> None:
     with GrblEmulator(tmp_path / "stage") as grbl:
         command = [sys.executable, "-c", PROGRAM, str(grbl.path), end]
-        child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        child = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # nohup would be inherited
+        )  # fmt: skip
         assert child.stdout is not None
         assert child.stdout.readline() == "started\n", child.communicate()[1]
         deadline = time.monotonic() + 60.0
