@@ -19,6 +19,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from tipforce.vision import _line_probability
+from tipforce.vision._line_probability import WEIGHTS, XRAY_LOG_ODDS, standardised
 
 STEPS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0)
 """Limits of the rows of the reliability table."""
@@ -62,14 +63,11 @@ def main() -> None:
             groups.append(np.char.add(f"{path} ", read["session"].astype(str)))
     x, y, group = np.concatenate(rows), np.concatenate(right).astype(bool), np.concatenate(groups)
     in_xray = np.concatenate(xray)
-    if hasattr(_line_probability, "WEIGHTS"):
-        print("by the weights in tipforce:")
-        score = _line_probability.standardised(x) @ _line_probability.WEIGHTS
-        score = score + _line_probability.XRAY_LOG_ODDS * in_xray
-        _reliability(1.0 / (1.0 + np.exp(-score)), y)
+    print("by the weights in tipforce:")
+    score = standardised(x) @ WEIGHTS + XRAY_LOG_ODDS * in_xray
+    _reliability(1.0 / (1.0 + np.exp(-score)), y)
     means, spreads = x.mean(axis=0), x.std(axis=0)
-    _line_probability.MEANS, _line_probability.SPREADS = means, spreads
-    terms = np.column_stack([_line_probability.standardised(x)[:, 1:], in_xray])
+    terms = np.column_stack([standardised(x, means, spreads)[:, 1:], in_xray])
     model = make_pipeline(StandardScaler(), LogisticRegression(C=0.05, max_iter=5000))
     stated = cross_val_predict(model, terms, y, groups=group, cv=GroupKFold(8), method="predict_proba")[:, 1]
     print("by regressions that did not see the session:")

@@ -17,6 +17,8 @@ QUICKER = {
     "--data runs/ -o": "--data runs/ --every 12 -o",
     "--estimator svr -o": "--estimator svr --set max_left_out=0.3 -o",  # of these nine seconds a sixth is not detected
 }
+NEED_A_PERSON = ("tipforce live", "tipforce annotate")
+"""Commands that wait for a bench's devices, or for the button Finish of a page. Tests of their own run them."""
 
 
 def commands(text: str) -> list[str]:
@@ -37,7 +39,7 @@ def test_the_commands_for_a_bench_run(work_folder: Path) -> None:
             shutil.copy("known.toml", "bench.toml")  # as filled in by a person
             for path in sorted(Path("runs").glob("session_0[2-7]*")):  # copies; two sessions suffice
                 path.unlink()
-        elif not line.startswith("tipforce live"):  # this bench has no devices
+        elif not line.startswith(NEED_A_PERSON):
             type_command(line, QUICKER)
     assert Path("forces.mp4").is_file()
     assert Path("report/report.html").is_file()

@@ -295,7 +295,7 @@ def scale_from_shaft(path: Path, view: str, info: SessionInfo) -> Quantity:
         )
     with RecordingReader(path) as reader:
         images = spread_images(reader, view)
-    # the locator returns a stated diameter as the detected one: neither it nor the scale may be known here
+    # a stated size would draw the detected diameter to it
     scale_free = replace(info.view(view), metres_per_px=None, metres_per_px_uncertainty=None)
     blind = replace(info, catheter=Catheter(), views={**info.views, view: scale_free})
     detector = SessionDetector(VisionSettings(view=view), blind, images)

@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,7 @@ from ..io import (
 )
 from ..types import FloatArray, Frame, Image, SessionInfo, ViewInfo, ordered_views
 
+_Three = tuple[float, float, float]
 _TURNS = ("about the image's right", "about the image's down", "about the viewing direction")
 _SHIFTS = ("along the image's right", "along the image's down", "along the viewing direction")
 BEAD_COLUMNS = ("view", "u_px", "v_px", "x_mm", "y_mm", "z_mm")
@@ -120,15 +121,7 @@ def views_from_boards(boards: Sequence[Path], settings: BoardSettings, info: Ses
     for place, (name, camera) in enumerate(zip(names, pair.cameras, strict=True)):
         scale = pair.scales_m_per_px[place]
         share = math.hypot(PRINT_STD_SHARE, pair.stds[5] / camera.camera_from_world.translation_m[2])
-        views[name] = ViewInfo(
-            float(f"{scale:.5g}"),
-            modality="camera",
-            metres_per_px_uncertainty=float(f"{share:.2g}"),
-            projection=camera.projection,
-            projection_frame="board",
-            pose_uncertainty_deg=uncertainties[place][0],
-            pose_uncertainty_m=uncertainties[place][1],
-        )
+        views[name] = replace(_at_board(camera, scale, share, uncertainties[place]), modality="camera")
         before = info.view(name).metres_per_px
         quantities.append(Quantity(f"scale of {name}, at the board", scale, scale * share, "m/px", 1, before=before))
     quantities += [
@@ -172,19 +165,25 @@ def views_from_beads(table: Path, info: SessionInfo) -> CalibratedViews:
         found = calibrate_beads(1e-3 * values[:, 2:], values[:, :2], f"{table}, view {name}")
         distance = float(found.camera.camera_from_world.translation_m[2])
         scale, share = distance / float(found.camera.focal_px[1]), float(found.stds[5]) / distance
-        turn_deg, shift_m = _uncertainties(found.stds)
-        views[name] = ViewInfo(
-            float(f"{scale:.5g}"),
-            metres_per_px_uncertainty=max(1e-4, float(f"{share:.2g}")),
-            projection=found.camera.projection,
-            projection_frame="board",
-            pose_uncertainty_deg=turn_deg,
-            pose_uncertainty_m=shift_m,
-        )
+        views[name] = _at_board(found.camera, scale, max(1e-4, share), _uncertainties(found.stds))
         before = info.view(name).metres_per_px
         quantities.append(Quantity(f"scale of {name}, at the phantom", scale, scale * share, "m/px", 1, before=before))
         remarks.append(f"view {name}: {found.beads} beads fit to {found.residual_px:.2f} px")
     return CalibratedViews(views, tuple(quantities), tuple(remarks))
+
+
+def _at_board(
+    camera: CameraModel, scale_m_per_px: float, share: float, uncertainties: tuple[_Three, _Three]
+) -> ViewInfo:
+    """Returns the view of a camera whose pose is relative to a board or a phantom; ``share``: error of its scale."""
+    return ViewInfo(
+        float(f"{scale_m_per_px:.5g}"),
+        metres_per_px_uncertainty=float(f"{share:.2g}"),
+        projection=camera.projection,
+        projection_frame="board",
+        pose_uncertainty_deg=uncertainties[0],
+        pose_uncertainty_m=uncertainties[1],
+    )
 
 
 def _bead_rows(table: Path) -> dict[str, list[list[float]]]:
@@ -317,7 +316,7 @@ def _stated_cameras(
     return (cameras[0], cameras[1]), (first, second), bool(missing.any())
 
 
-def _uncertainties(stds: FloatArray) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+def _uncertainties(stds: FloatArray) -> tuple[_Three, _Three]:
     """Returns turn in degrees and shift in m, with three digits, of (6,) standard deviations in rad and m."""
     a, b, c, d, e, f = (float(f"{std:.3g}") for std in (*np.degrees(stds[:3]), *stds[3:]))
     return (a, b, c), (d, e, f)

@@ -66,9 +66,15 @@ def line_features(line: Located) -> LineFeatures:
     )
 
 
-def standardised(features: FloatArray) -> FloatArray:
-    """Returns (n, k): 1, the standardised ``features`` (n, 7), and the products of each two of them."""
-    scores = np.clip((features - MEANS) / SPREADS, -MAX_SCORE, MAX_SCORE)
+def standardised(features: FloatArray, means: FloatArray = MEANS, spreads: FloatArray = SPREADS) -> FloatArray:
+    """Returns (n, k): 1, the standardised features, and the products of each two of them.
+
+    Args:
+        features: (n, 7) features.
+        means: (7,) their means.
+        spreads: (7,) their standard deviations.
+    """
+    scores = np.clip((features - means) / spreads, -MAX_SCORE, MAX_SCORE)
     rows, columns = np.triu_indices(scores.shape[1])
     return np.hstack([np.ones((len(scores), 1)), scores, scores[:, rows] * scores[:, columns]])
 

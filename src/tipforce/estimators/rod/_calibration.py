@@ -1,8 +1,8 @@
 """Intervals of the rod estimators: those of the posterior, times factors from separate sessions."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from ._posterior import Mixed
 _KNOWN = np.array([True, True, False])
 _KNOWN.setflags(write=False)
 _Width = TypeVar("_Width", float, FloatArray)
-_LEAST_STD_N = 1e-3
+LEAST_STD_N = 1e-3
 """Standard deviations below this are taken for it: no model of a rod is better."""
 
 
@@ -62,8 +62,8 @@ class Widths:
         factors = np.array([self.fx, self.fy])
         force_n, whole, interval = np.full(3, np.nan), np.full((3, 3), np.nan), np.full((3, 2), np.nan)
         force_n[:2] = force
-        whole[:2, :2] = (mixed.covariance_n2 + _LEAST_STD_N**2 * np.eye(2)) * np.outer(factors, factors)
-        least = GAUSS_90 * _LEAST_STD_N
+        whole[:2, :2] = (mixed.covariance_n2 + LEAST_STD_N**2 * np.eye(2)) * np.outer(factors, factors)
+        least = GAUSS_90 * LEAST_STD_N
         interval[:2, 0] = force - factors * np.maximum(force - mixed.low_n[:2], least)
         interval[:2, 1] = force + factors * np.maximum(mixed.high_n[:2] - force, least)
         below, above = max(size - float(mixed.low_n[2]), least), max(float(mixed.high_n[2]) - size, least)
@@ -89,10 +89,29 @@ def _unit_n(width_n: _Width) -> _Width:
     return width_n / (2.0 * GAUSS_90)
 
 
-def _shares(value: FloatArray, interval: FloatArray, truth: FloatArray) -> FloatArray:
-    """(n,): errors of ``value`` (n,) over how far ``interval`` (n, 2) reaches on the side of the truth."""
+def errors_over_reach(value: FloatArray, interval: FloatArray, truth: FloatArray) -> FloatArray:
+    """Returns errors (n,) over the distance of the interval's end on the side of the truth.
+
+    Args:
+        value: (n,) estimates.
+        interval: (n, 2) their 90 % intervals.
+        truth: (n,) true values.
+    """
     reach = np.where(truth > value, interval[:, 1] - value, value - interval[:, 0])
-    return (value - truth) / np.maximum(reach, GAUSS_90 * _LEAST_STD_N)
+    return (value - truth) / np.maximum(reach, GAUSS_90 * LEAST_STD_N)
+
+
+def without_widths(method: Any, dataset: Dataset, progress: Callable[[float], None]) -> list[ForceEstimate]:
+    """Returns the estimates of a fitted rod method with its posterior's own intervals and no limit of the error.
+
+    Args:
+        method: the method; ``fitted_`` has its ``widths``.
+        dataset: the samples.
+        progress: called with the finished share.
+    """
+    every = method.with_settings(method.settings.model_copy(update={"max_error_n": None}))
+    every.fitted_ = replace(method.fitted_, widths=type(method.fitted_.widths)())
+    return every.predict(dataset, progress)
 
 
 def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Widths:
@@ -112,12 +131,12 @@ def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Width
         if known[axis]:
             force = np.array([each.force_n[axis] for each in estimates])
             interval = np.array([each.interval_n[axis] for each in estimates])
-            factors[axis] = conformal_half_width(_shares(force, interval, truth[:, axis]), session, basis)
+            factors[axis] = conformal_half_width(errors_over_reach(force, interval, truth[:, axis]), session, basis)
     if known[:2].any():
         force = np.array([each.magnitude_n for each in estimates])
         interval = np.array([each.magnitude_interval_n for each in estimates])
         size = np.linalg.norm(np.where(known, truth, 0.0), axis=1)
-        factors[2] = conformal_half_width(_shares(force, interval, size), session, basis)
+        factors[2] = conformal_half_width(errors_over_reach(force, interval, size), session, basis)
         strata = fit_strata(force, size, session, _unit_n(interval[:, 1] - interval[:, 0]))
     finite = [each if math.isfinite(each) else 1.0 for each in factors]
     return Widths(finite[0], finite[1], finite[2], basis.text, strata)

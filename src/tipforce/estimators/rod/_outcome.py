@@ -10,7 +10,7 @@ from .._reading import Abstention
 from ..uncertainty import GAUSS_90
 from ._calibration import Widths
 from ._posterior import force_over_contact
-from ._settings import RodSettings
+from ._settings import RodFitSettings, RodSettings
 
 _FIRM = 2e-3
 """Softest pivot of the rod's Hessian, over EI / h, below which a fold is near."""
@@ -74,24 +74,46 @@ def estimate_of(
     return within_error(widths.estimate(stamp_ns, mixed, shape), settings.max_error_n)
 
 
+def unexplained(settings: RodFitSettings, misfit: float) -> Abstention:
+    """Returns the abstention where the rod does not have the detected shape.
+
+    Args:
+        settings: settings of the method.
+        misfit: mean square misfit, in the noise's variances.
+    """
+    return Abstention(
+        Status.OUT_OF_DISTRIBUTION,
+        f"no force at the tip bends the stated rod into this shape: the mean square misfit is {misfit:.1f}, the limit "
+        f"{settings.max_misfit:g}",
+    )
+
+
+def too_noisy(settings: RodFitSettings, level: float) -> Abstention | None:
+    """Returns the abstention where a line fits with much more noise only; None where the noise is within its limit.
+
+    Args:
+        settings: settings of the method.
+        level: noise of the line relative to the stated one.
+    """
+    if level <= settings.noise.max_level:
+        return None
+    return Abstention(
+        Status.OUT_OF_DISTRIBUTION,
+        f"the stated rod explains the detected line only with {level:.0f} times the noise that is stated, more than "
+        f"noise.max_level = {settings.noise.max_level:g}",
+    )
+
+
 def unfit(settings: RodSettings, outcome: Outcome) -> Abstention | None:
     """Why the rod does not explain the line, or None."""
     if not (outcome.converged and outcome.misfit <= settings.max_misfit):
         if outcome.firmness < _FIRM:
             return Abstention(Status.FOLD, "no stable shape of the rod fits the centreline: it is near a fold")
-        return Abstention(
-            Status.OUT_OF_DISTRIBUTION,
-            f"no force at the tip bends the stated rod into this shape: the mean square misfit is "
-            f"{outcome.misfit:.1f}, the limit {settings.max_misfit:g}",
-        )
+        return unexplained(settings, outcome.misfit)
     if outcome.firmness < _FIRM:
         return Abstention(Status.FOLD, "the rod is about to buckle: a small change of the force bends it far")
-    if outcome.level > settings.noise.max_level:
-        return Abstention(
-            Status.OUT_OF_DISTRIBUTION,
-            f"the stated rod explains the detected line only with {outcome.level:.0f} times the noise that is stated, "
-            f"more than noise.max_level = {settings.noise.max_level:g}",
-        )
+    if noisy := too_noisy(settings, outcome.level):
+        return noisy
     if outcome.off > settings.max_off:
         return Abstention(
             Status.OUT_OF_DISTRIBUTION,

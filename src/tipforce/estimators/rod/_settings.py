@@ -12,12 +12,8 @@ _Share = Annotated[float, Field(gt=0, lt=0.5)]
 _FROZEN = ConfigDict(frozen=True, extra="forbid")
 
 
-class ConstantPriors(BaseModel):
-    """Priors of a session before its first image; each is a Gaussian about the value in the session metadata.
-
-    The metadata may state how well they are known: then that holds for stiffness, length, scale and tilt in place of
-    the values here, which are those of a bench of which nothing is said.
-    """
+class RodPriors(BaseModel):
+    """Priors of shaft and knob, in the plane and in space; see `ConstantPriors`."""
 
     model_config = _FROZEN
 
@@ -32,12 +28,21 @@ class ConstantPriors(BaseModel):
     stiffening_std_m2: _Std = 2e-4
     length: _Share = 0.02
     """Relative, of the flexible length."""
-    scale: _Share = 0.02
-    """Scale of the image (metres of a pixel), relative."""
     knob_gain: _Share = 0.02
     """Relative, of the curvature that the knob asks for."""
     knob_play_deg: Annotated[float, Field(ge=0, le=90)] = 1.0
     """Backlash of the knob: the curvature may belong to any angle within half of this."""
+
+
+class ConstantPriors(RodPriors):
+    """Priors of a session before its first image; each is a Gaussian about the value in the session metadata.
+
+    The metadata may state how well they are known: then that holds for stiffness, length, scale and tilt in place of
+    the values here, which are those of a bench of which nothing is said.
+    """
+
+    scale: _Share = 0.02
+    """Scale of the image (metres of a pixel), relative."""
     precurvature_per_m: _Std = 0.1
     """Curvature without load, besides that of the knob."""
     unknown_precurvature_per_m: _Std = 10.0
@@ -94,27 +99,32 @@ class NoiseSettings(BaseModel):
     """Weight of the stated level, in frames."""
 
 
-class LineSettings(BaseModel):
-    """Settings of every method that fits a rod to the centreline."""
+class RodFitSettings(BaseModel):
+    """Settings of every method that fits a rod to centrelines, in the plane or in space."""
 
     model_config = _FROZEN
 
-    vision: VisionSettings = VisionSettings()
-    prior: ConstantPriors = ConstantPriors()
     noise: NoiseSettings = NoiseSettings()
-    learn: bool = True
-    """Whether `fit` learns priors from sessions with forces: stiffness, knob, clamp, camera, noise and the
-    distribution of forces. Without it the settings hold."""
     huber: _Std = 4.0
     """Number of standard deviations up to which misfits count with their square; beyond it, with their size."""
-    segments: Annotated[int, Field(ge=8, le=400)] = 40
-    """Number of segments of the flexible length."""
     max_misfit: _Std = 2.0
     """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
     max_error_n: Annotated[float, Field(gt=0, le=100)] | None = None
     """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate."""
     max_precurvature_per_m: _Std = 60.0
     """Abstains where the knob asks for more."""
+
+
+class LineSettings(RodFitSettings):
+    """Settings of every method that fits a rod to the centreline in one view."""
+
+    vision: VisionSettings = VisionSettings()
+    prior: ConstantPriors = ConstantPriors()
+    learn: bool = True
+    """Whether `fit` learns priors from sessions with forces: stiffness, knob, clamp, camera, noise and the
+    distribution of forces. Without it the settings hold."""
+    segments: Annotated[int, Field(ge=8, le=400)] = 40
+    """Number of segments of the flexible length."""
 
 
 class RodSettings(LineSettings):

@@ -21,7 +21,7 @@ from ...types import FloatArray, ForceEstimate, Image, Observation, SessionInfo,
 from .._base import PlanarRodEstimator, Progress, Stream, no_progress
 from .._reading import Abstention
 from .._session_metadata import UninformedStream
-from ._calibration import Widths, calibrated_widths
+from ._calibration import Widths, calibrated_widths, without_widths
 from ._detection import Detected, Detection
 from ._facts import PriorFacts, RodFacts
 from ._knowledge import HELD, NEEDED, Knowledge, LineError, noise_unit_m, rod_model
@@ -29,7 +29,7 @@ from ._learning import learn
 from ._lines import POINTS, StatedErrors
 from ._noise_level import noisier
 from ._outcome import Outcome, estimate_of, tempered
-from ._settings import LineSettings, RodSettings
+from ._settings import LineSettings, RodFitSettings, RodSettings
 
 _STEPS = 60
 _NOISIER, _MISFITS = 2, 1.5
@@ -72,9 +72,7 @@ class RodEstimator(PlanarRodEstimator):
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Widens or narrows the intervals so that they hold on sessions apart; the forces stay as they are."""
         report = progress or no_progress
-        every = type(self)(self.settings.model_copy(update={"max_error_n": None}))
-        every.fitted_ = replace(self.fitted_, widths=Widths())
-        found = every.predict(dataset, lambda share: report("calibrating", share))
+        found = without_widths(self, dataset, lambda share: report("calibrating", share))
         self.fitted_ = replace(self.fitted_, widths=calibrated_widths(found, dataset))
         return self
 
@@ -189,7 +187,7 @@ class RodStream:
         return self._solver.solve(detected.line(), detected.frame.scale_m_per_px, mean, covariance, detected.errors())
 
 
-def actuation_out_of_range(settings: LineSettings, info: SessionInfo, knob_deg: float) -> Abstention | None:
+def actuation_out_of_range(settings: RodFitSettings, info: SessionInfo, knob_deg: float) -> Abstention | None:
     """Why there is no estimate at this knob angle, or None."""
     gain = info.actuation.knob_gain_per_m_deg
     if gain is None or math.isnan(knob_deg) or abs(gain * knob_deg) <= settings.max_precurvature_per_m:

@@ -9,10 +9,20 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar
 
-from ...types import ForceEstimate, Image, Observation, SessionInfo, Status
+from ...types import ForceEstimate, Image, Observation, SessionInfo
 from .._builder import within_error
 from .._reading import Abstention
-from ..rod import Detection, HistoryRodEstimator, Knowledge, Widths, actuation_out_of_range, late_frame, rod_model
+from ..rod import (
+    Detection,
+    HistoryRodEstimator,
+    Knowledge,
+    Widths,
+    actuation_out_of_range,
+    late_frame,
+    rod_model,
+    too_noisy,
+    unexplained,
+)
 from ._filter import SessionFilter
 from ._settings import SessionSettings
 
@@ -50,22 +60,9 @@ class SessionStream:
         found = self._filter.step(
             detected.line(), detected.frame.scale_m_per_px, knob, elapsed_s, detected.advance_m, detected.errors()
         )
-        if not found.explained:
-            return ForceEstimate.invalid(
-                stamp,
-                Status.OUT_OF_DISTRIBUTION,
-                f"no force at the tip bends the stated rod into this shape: the mean square misfit is "
-                f"{found.misfit:.1f}, the limit {settings.max_misfit:g}",
-                shape,
-            )
-        if found.level > settings.noise.max_level:
-            return ForceEstimate.invalid(
-                stamp,
-                Status.OUT_OF_DISTRIBUTION,
-                f"the stated rod explains the detected line only with {found.level:.0f} times the noise that is "
-                f"stated, more than noise.max_level = {settings.noise.max_level:g}",
-                shape,
-            )
+        unfit = too_noisy(settings, found.level) if found.explained else unexplained(settings, found.misfit)
+        if unfit:
+            return ForceEstimate.invalid(stamp, unfit.status, unfit.detail, shape)
         return within_error(self._widths.estimate(stamp, found.force, shape), settings.max_error_n)
 
 

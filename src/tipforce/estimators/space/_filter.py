@@ -132,7 +132,6 @@ class SpaceFilter:
         self._share = contact_share
         self._waited_s, self._lost_s = math.inf, 0.0
         self._last: dict[str, tuple[FloatArray, FloatArray]] = {}
-        self._touch_chi2 = math.inf
 
     def step(self, seen: Mapping[str, ViewShape], knob_deg: float, elapsed_s: float, advance_m: float) -> SpaceResult:
         """Returns the force at one instant.
@@ -186,9 +185,9 @@ class SpaceFilter:
 
     def _solve(self, problem: Problem, log_odds: float) -> "_Solution":
         """Returns force, fits and misfit of some lines."""
-        free, grids = self._fit(problem)
+        free, touch, grids = self._fit(problem)
         force, shares = mixed_force(grids, free, log_odds, self._settings.prior.largest_force_n)
-        misfit = min(free.chi2 if free.ok else math.inf, self._touch_chi2) / problem.rows
+        misfit = min((each.chi2 for each in (free, touch) if each and each.ok), default=math.inf) / problem.rows
         return _Solution(force, misfit, free, grids, shares, [each.place for each in problem.measurements])
 
     def _begin(
@@ -242,7 +241,7 @@ class SpaceFilter:
             self.constants.knob_deg, self._lever_per_m_n, advance_m, self._settings.huber,
         )  # fmt: skip
 
-    def _fit(self, problem: Problem) -> tuple[Fit, list[Nodes]]:
+    def _fit(self, problem: Problem) -> tuple[Fit, Fit | None, list[Nodes]]:
         """Fits without and with a force; where one view is there, also from the mirror image of the force."""
         unloaded = self._shapes.unloaded(1)[0]
         start, shape = self._last.get("free", (problem.mean, unloaded))
@@ -259,10 +258,9 @@ class SpaceFilter:
                 touch = tried
             if touch is not None and touch.cost < free.cost + _WORSE and self._explains(touch, problem):
                 break
-        self._touch_chi2 = math.inf if touch is None else touch.chi2
         if touch is None:
             self._last.pop("touch", None)
-            return free, []
+            return free, None, []
         largest = self._settings.prior.largest_force_n
         other = self._mirrored(problem, touch) if len(problem.measurements) == 1 else None
         if other is not None and other.cost < touch.cost - 1.0:  # the first fit has not reached its minimum
@@ -271,8 +269,8 @@ class SpaceFilter:
         nodes = lay_grid(problem, touch, largest)
         more = None if other is None else lay_grid(problem, other, largest)
         if nodes is not None and more is not None and other is not None:
-            return free, _each_on_its_side(nodes, more, touch.q[:FORCE], other.q[:FORCE])
-        return free, [each for each in (nodes, more) if each is not None]
+            return free, touch, _each_on_its_side(nodes, more, touch.q[:FORCE], other.q[:FORCE])
+        return free, touch, [each for each in (nodes, more) if each is not None]
 
     def _explains(self, found: Fit, problem: Problem) -> bool:
         return found.chi2 <= self._settings.max_misfit * problem.rows
@@ -285,7 +283,7 @@ class SpaceFilter:
         force = touch.q[:FORCE]
         start[:FORCE] = force - 2.0 * (force @ depth) * depth
         quaternions = touch.quaternions.copy()
-        quaternions[:, 1:3] *= -1.0  # the mirror image in the plane z = 0 of the base
+        quaternions[:, 1:3] *= -1.0  # a start only: the mirror image in the plane z = 0 of the base
         other = fit(problem, start, quaternions, contact=True)
         if not other.ok:
             return None

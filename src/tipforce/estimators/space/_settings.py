@@ -2,52 +2,34 @@
 
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from ...types import DEFAULT_VIEW
 from ...vision import VisionSettings
-from ..rod import NoiseSettings
+from ..rod import RodFitSettings, RodPriors
 
 _Positive = Annotated[float, Field(gt=0, le=1e6)]
 _NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 _Share = Annotated[float, Field(gt=0, lt=0.5)]
 _Degrees = Annotated[float, Field(gt=0, le=90)]
-_FROZEN = ConfigDict(frozen=True, extra="forbid")
 
 
-class SpacePriors(BaseModel):
+class SpacePriors(RodPriors):
     """Standard deviations before a session begins, about the values of its metadata, or about zero.
 
     Uncertainties that the metadata state hold in place of the values here.
     """
 
-    model_config = _FROZEN
-
-    contact_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    """Share of frames in which the tip touches."""
     largest_force_n: _Positive = 0.8
     """The magnitude of a force in contact is uniform up to this, its angle to the tip's axis up to 90 degrees."""
-    stiffness: _Share = 0.05
-    """Relative, of the bending stiffness."""
     stiffness_left_out: _Share = 0.025
     """Relative deviation from a stiffness that was measured well: the shaft creeps."""
-    proximal_stiffness: _Share = 0.05
-    """Relative, of the stiffness of the third next to the base beside the rest."""
-    stiffening_m2: Annotated[float, Field(ge=0, le=1e-2)] = 4.5e-4
-    """Stiffness grows as 1 + this x curvature^2."""
-    stiffening_std_m2: _Positive = 2e-4
-    length: _Share = 0.02
-    """Relative, of the flexible length."""
     curvature_per_m: _Positive = 0.25
     """Curvature without load in the plane of bending, besides that of the knob."""
     unknown_curvature_per_m: _Positive = 10.0
     """The same where there is no knob, or no map for it."""
     out_of_plane_per_m: _Positive = 3.5
     """Curvature without load out of the plane of bending."""
-    knob_gain: _Share = 0.02
-    """Relative, of the curvature that the knob asks for."""
-    knob_play_deg: Annotated[float, Field(ge=0, le=90)] = 1.0
-    """Backlash of the knob, where the metadata state none."""
     base_position_m: _Positive = 0.01
     """Position of the clamp, in each direction."""
     base_angle_deg: _Degrees = 5.0
@@ -66,27 +48,16 @@ class SpacePriors(BaseModel):
     """Relative, of the scale of a view without a stated projection."""
 
 
-class SpaceSettings(BaseModel):
+class SpaceSettings(RodFitSettings):
     """Force in space by a model of the whole session, from the centrelines of one view or two."""
-
-    model_config = _FROZEN
 
     views: tuple[str, ...] = (DEFAULT_VIEW,)
     """One view, or two; the first sets the frame rate. The base frame's z axis points to the camera of the first."""
     vision: VisionSettings = VisionSettings()
     """Detection in each view; its own ``view`` does not count."""
     prior: SpacePriors = SpacePriors()
-    noise: NoiseSettings = NoiseSettings()
-    huber: _Positive = 4.0
-    """Number of standard deviations up to which misfits count with their square; beyond it, with their size."""
     segments: Annotated[int, Field(ge=8, le=200)] = 24
     """Number of segments of the flexible length."""
-    max_misfit: _Positive = 2.0
-    """Abstains where the mean square misfit of the rod is larger, in the noise's variances."""
-    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate."""
-    max_precurvature_per_m: _Positive = 60.0
-    """Abstains where the knob asks for more."""
     update_s: Annotated[float, Field(ge=0, le=60)] = 1.0
     """Time between two frames from which the session's constants are learnt: errors of the model last."""
     contact_s: _Positive = 0.5

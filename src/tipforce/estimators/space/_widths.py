@@ -9,13 +9,12 @@ import numpy as np
 
 from ...datasets import Dataset
 from ...errors import InputError
-from ...types import DetectedShape, FloatArray, ForceEstimate, Status
+from ...types import DetectedShape, ForceEstimate, Status
 from .._builder import AXES, MAX_FORCE_N, implausible
+from ..rod import LEAST_STD_N, errors_over_reach
 from ..uncertainty import GAUSS_90, conformal_half_width, interval_basis
 from ._mixture import SpaceForce
 
-_LEAST_STD_N = 1e-3
-"""Standard deviations below this are taken for it: no model of a rod is better."""
 _NAMES = (*AXES, "magnitude")
 _KNOWN = np.ones(3, np.bool_)
 _KNOWN.setflags(write=False)
@@ -60,10 +59,10 @@ class SpaceWidths:
         if not size <= MAX_FORCE_N:
             return implausible(stamp_ns, size, shape)
         value = np.append(force.force_n, size)
-        least, factor = GAUSS_90 * _LEAST_STD_N, np.array(self.factors)
+        least, factor = GAUSS_90 * LEAST_STD_N, np.array(self.factors)
         low = value - factor * np.maximum(value - force.low_n, least)
         high = value + factor * np.maximum(force.high_n - value, least)
-        covariance = force.covariance_n2 + _LEAST_STD_N**2 * np.eye(3)
+        covariance = force.covariance_n2 + LEAST_STD_N**2 * np.eye(3)
         return ForceEstimate(
             stamp_ns=stamp_ns,
             force_n=force.force_n,
@@ -105,13 +104,7 @@ def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Space
     for axis in range(4):
         if axis == 3 or dataset.known[axis]:
             true = size if axis == 3 else truth[:, axis]
-            share = _shares(np.array(values[axis]), np.array(ends[axis]), true)
+            share = errors_over_reach(np.array(values[axis]), np.array(ends[axis]), true)
             width = conformal_half_width(share, session, basis)
             factors[axis] = width if math.isfinite(width) else 1.0
     return SpaceWidths(tuple(factors), basis.text)
-
-
-def _shares(value: FloatArray, interval: FloatArray, truth: FloatArray) -> FloatArray:
-    """Returns errors (n,) of ``value`` over the distance of the interval's end (n, 2) on the side of the truth."""
-    reach = np.where(truth > value, interval[:, 1] - value, value - interval[:, 0])
-    return (value - truth) / np.maximum(reach, GAUSS_90 * _LEAST_STD_N)

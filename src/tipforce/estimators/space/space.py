@@ -24,7 +24,7 @@ from .._facts import ModelFacts, ModelSummary
 from .._reading import Abstention
 from .._session_detection import SessionDetection
 from .._session_metadata import UninformedStream
-from ..rod import late_frame
+from ..rod import actuation_out_of_range, late_frame, too_noisy, unexplained, without_widths
 from ._filter import SpaceFilter, ViewShape
 from ._settings import SpaceSettings
 from ._widths import SpaceWidths, calibrated_widths
@@ -111,27 +111,14 @@ class SpaceStream:
                 detail += f" (a session begins with a line in {settings.views[0]}, where the knob bends the shaft)"
             return ForceEstimate.invalid(stamp, abstention.status, detail, first)
         knob = observation.actuation.get("knob_deg", math.nan)
-        if detail := self._implausible_knob(knob):
-            return ForceEstimate.invalid(stamp, Status.OUT_OF_DISTRIBUTION, detail, first)
+        if abstention := actuation_out_of_range(settings, self._info, knob):
+            return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, first)
         elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp
         found = self._filter.step(seen, knob, elapsed_s, advance_m)
-        if not found.explained:
-            return ForceEstimate.invalid(
-                stamp,
-                Status.OUT_OF_DISTRIBUTION,
-                f"no force at the tip bends the stated rod into the shape in {views_text(seen)}: the mean square "
-                f"misfit is {found.misfit:.1f}, the limit {settings.max_misfit:g}",
-                first,
-            )
-        if found.level > settings.noise.max_level:
-            return ForceEstimate.invalid(
-                stamp,
-                Status.OUT_OF_DISTRIBUTION,
-                f"the stated rod explains the detected lines only with {found.level:.0f} times the noise that is "
-                f"stated, more than noise.max_level = {settings.noise.max_level:g}",
-                first,
-            )
+        unfit = too_noisy(settings, found.level) if found.explained else unexplained(settings, found.misfit)
+        if unfit:
+            return ForceEstimate.invalid(stamp, unfit.status, unfit.detail, first)
         detail = ""
         if len(found.views) == 1:
             detail = f"from {views_text(found.views)} alone: the depth is known up to its mirror image"
@@ -140,16 +127,6 @@ class SpaceStream:
             elif reasons:
                 detail += f" ({_texts(reasons)})"
         return within_error(self._widths.estimate(stamp, found.force, first, detail), settings.max_error_n)
-
-    def _implausible_knob(self, knob_deg: float) -> str:
-        gain = self._info.actuation.knob_gain_per_m_deg
-        limit = self._settings.max_precurvature_per_m
-        if gain is None or math.isnan(knob_deg) or abs(gain * knob_deg) <= limit:
-            return ""
-        return (
-            f"at {knob_deg:g} degrees the knob would produce a curvature of {gain * knob_deg:.3g} 1/m, more than "
-            f"max_precurvature_per_m = {limit:g}"
-        )
 
 
 def _texts(reasons: Mapping[str, Abstention]) -> str:
@@ -240,9 +217,7 @@ class Rod3d(Estimator):
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
         """Widens or narrows the intervals so that they hold on sessions apart; the forces stay as they are."""
         report = progress or no_progress
-        every = type(self)(self.settings.model_copy(update={"max_error_n": None}))
-        every.fitted_ = replace(self.fitted_, widths=SpaceWidths())
-        found = every.predict(dataset, lambda share: report("calibrating", share))
+        found = without_widths(self, dataset, lambda share: report("calibrating", share))
         self.fitted_ = replace(self.fitted_, widths=calibrated_widths(found, dataset))
         return self
 

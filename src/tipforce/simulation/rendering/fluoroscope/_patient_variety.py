@@ -28,7 +28,7 @@ class VariedLayers:
 
     Attributes:
         still: (h + 2 m, w + 2 m) parts that move with the table only, with margin m.
-        injected: (h + 2 m, w + 2 m) all contrast agent, which moves with the heart; None: there is none.
+        injected: (h + 2 m, w + 2 m) attenuation by the contrast agent, which moves with the heart; None without it.
         shutter: (h, w) collimator.
         patient_px_per_m: (2, 3) motion in the image by a displacement of the patient, at the isocentre.
     """

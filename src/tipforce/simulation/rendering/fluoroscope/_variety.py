@@ -109,9 +109,9 @@ class PatientVariety:
         trabecular: relative contrast of the bones' texture.
         airways: relative contrast of trachea and bronchi.
         gas: number of gas bubbles below the diaphragm.
-        can: position of a pacemaker's can from the isocentre, patient's frame; None: there is none.
+        can: position of a pacemaker's can from the isocentre, patient's frame; None where there is no pacemaker.
         can_turn_deg: rotation of the can.
-        injection: contrast agent; None: there is none.
+        injection: injection of contrast agent; None where nothing is injected.
     """
 
     trabecular: float
