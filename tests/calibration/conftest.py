@@ -74,6 +74,7 @@ def make_session(*, turned_deg: float = 0.0, contact: bool = True, moving_knob: 
     return CalibrationSession(
         name="made",
         info=INFO,
+        view="camera",
         stamp_ns=stamps,
         shapes=shapes,
         lines=lines,

@@ -49,6 +49,7 @@ class CalibrationSession:
     Attributes:
         name: name of the session.
         info: session metadata.
+        view: name of the view.
         stamp_ns: (n,) stamps.
         shapes: (n) detected shapes.
         lines: (n) lines in m, for the fit of the rod.
@@ -75,6 +76,7 @@ class CalibrationSession:
 
     name: str
     info: SessionInfo
+    view: str
     stamp_ns: IntArray
     shapes: Sequence[DetectedShape]
     lines: Sequence[Line]
@@ -235,6 +237,7 @@ def _with_streams(
     return CalibrationSession(
         name=info.name or reader.path.stem,
         info=info,
+        view=view,
         stamp_ns=every[rows],
         shapes=shapes,
         lines=lines,

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
+from ..types import SessionInfo
 from ._common import JsonOption, check_new, check_outputs, progress_bar, say, write_json
 from ._facts import BenchOption, FactOption, stated_info
 from ._settings import SetOption, settings_from
@@ -29,6 +30,12 @@ def command(
     figures: Annotated[
         bool, typer.Option("--figures", help="Also draw thesis figures 17 and 18 (of a video's first frame).")
     ] = False,
+    limits: Annotated[
+        bool,
+        typer.Option(
+            "--limits", help="Which unknown limits the force, in mN, and how to measure it; nothing is drawn."
+        ),
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace drawings that are there already.")] = False,
     settings: SetOption = None,
     json_file: JsonOption = None,
@@ -45,7 +52,18 @@ def command(
         tipforce inspect video.mp4 --bench bench.toml --every 5
 
         tipforce inspect run.mcap
+
+        tipforce inspect run.mcap --limits
+
+    --limits runs the session model over all frames, so the catheter's length and stiffness and the scale must be
+    stated; --set changes its settings.
     """
+    if limits:
+        if output is not None or every != 1 or drawn != _DRAWN or frames or figures:
+            raise InputError("--limits draws nothing and reads every frame; leave out -o, --every, --drawn, --frames "
+                             "and --figures")  # fmt: skip
+        _say_limits(file, stated_info(bench, fact), settings, json_file)
+        return
     from ..io import check_image_target, save_image
     from ..pipelines import describe_recording, inspect, plot_summary, summarise_recording
     from ..vision import InspectSettings
@@ -80,3 +98,15 @@ def command(
             save_image(more[name], figure)
             say(f"wrote {more[name]}")
     write_json(result.figures, json_file)
+
+
+def _say_limits(file: Path, stated: SessionInfo, settings: list[str] | None, json_file: str | None) -> None:
+    from ..estimators.session import SessionSettings
+    from ..pipelines import limits_in
+
+    check_outputs([file], json_file)
+    with progress_bar() as progress:
+        found = limits_in(file, settings=settings_from(SessionSettings, settings), bench=stated, progress=progress)
+    for line in found.lines():
+        say(line)
+    write_json(found.figures(), json_file)

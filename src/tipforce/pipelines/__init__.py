@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ._import_session import import_session
     from ._inspect import inspect
     from ._inspect_images import InspectionResult, inspect_frames, inspect_image_file, inspect_sessions
+    from ._limits import limits_in
     from ._live import LiveRunSettings, live, live_line, open_live_source
     from ._live_control import HoldSettings, LiveControl
     from ._live_page import LivePage, PageAddress
@@ -87,6 +88,7 @@ __all__ = [
     "inspect_frames",
     "inspect_image_file",
     "inspect_sessions",
+    "limits_in",
     "live",
     "live_bench",
     "live_line",
@@ -174,6 +176,7 @@ __getattr__, __dir__ = _loaded_on_use(
             "inspect_image_file",
             "inspect_sessions",
         ),
+        "_limits": ("limits_in",),
         "_live": (
             "LiveRunSettings",
             "live",

@@ -1,6 +1,7 @@
 """Calibrates a bench from recordings and images of a board, and writes the result into its ``bench.toml``."""
 
 import math
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
@@ -21,10 +22,12 @@ from ..calibration import (
 )
 from ..errors import InputError
 from ..estimators import no_progress
+from ..estimators.session import ForceLimits
 from ..io import RecordingReader, is_dicom, is_image, read_image
 from ..types import DEFAULT_VIEW, SessionInfo, ViewInfo, bench_text, edited_bench, ordered_views
 from ._calibrate_views import CalibratedViews, views_from_beads, views_from_boards, views_from_dicom, views_from_tips
 from ._estimate import session_info_from
+from ._limits import limits_calibrated
 
 READING_SHARE = 0.9
 """Share of the progress for reading the recordings, which takes longest."""
@@ -47,6 +50,7 @@ class CalibrateReport:
         board: calibration of the lens; None without a board.
         views: poses and scales of views that are written.
         sources: names of the files.
+        limits: what limits the force in the recordings once the found values are stated; None without recordings.
     """
 
     quantities: tuple[Quantity, ...]
@@ -56,6 +60,12 @@ class CalibrateReport:
     board: BoardResult | None
     views: Mapping[str, ViewInfo]
     sources: tuple[str, ...]
+    limits: ForceLimits | None = None
+
+    @property
+    def calibrated_info(self) -> SessionInfo:
+        """Session metadata with the found values."""
+        return SessionInfo.from_values(tomllib.loads(self.bench_text()))
 
     @property
     def written_keys(self) -> tuple[str, ...]:
@@ -103,6 +113,7 @@ class CalibrateReport:
             "board": None if self.board is None else self.board.figures(),
             "views": SessionInfo(views=self.views).values().get("views", {}),
             "sources": list(self.sources),
+            "limits": None if self.limits is None else self.limits.figures(),
         }
 
 
@@ -220,7 +231,7 @@ def calibrate(
     )
     by_shaft = scale_from_diameter(sessions)
     quantities += [] if by_shaft is None else [by_shaft]
-    return CalibrateReport(
+    made = CalibrateReport(
         (*quantities, *calibration.quantities),
         (*_lens_remarks(found), *calibration.remarks),
         sessions[0].info,
@@ -229,6 +240,8 @@ def calibrate(
         {},
         tuple(sources),
     )
+    limits = limits_calibrated(sessions, made.calibrated_info)
+    return replace(made, limits=limits)
 
 
 def _views_report(found: CalibratedViews, info: SessionInfo, sources: Sequence[Path]) -> CalibrateReport:
@@ -296,7 +309,7 @@ def _shown(value: float | None, std: float) -> str:
 
 
 def describe_calibration(report: CalibrateReport) -> list[str]:
-    """Returns a table, one line a quantity, then the remarks."""
+    """Returns a table, one line a quantity, then the remarks, and the unknown that limits the force from now on."""
     rows = [("quantity", "value", "+-", "", "before", "doubt")]
     for each in report.quantities:
         std = f"{each.std:.2g}" if math.isfinite(each.std) else "?"
@@ -310,7 +323,10 @@ def describe_calibration(report: CalibrateReport) -> list[str]:
         ).rstrip()
         for row in rows
     ]  # fmt: skip
-    return [*lines, "", *report.remarks] if report.remarks else lines
+    remarks = list(report.remarks)
+    if report.limits is not None and report.limits.measurable:
+        remarks.append(f"with these values the force is limited by {report.limits.text()}")
+    return [*lines, "", *remarks] if remarks else lines
 
 
 def plot_calibration(report: CalibrateReport, path: Path | str) -> None:

@@ -1,7 +1,7 @@
 """Methods judged on held-out data, and the report on it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from .._system.executor import Executor, ExecutorName, LocalExecutor, executor_of
 from ..errors import InputError
 from ..estimators import ESTIMATORS, Progress, no_progress
+from ..estimators.session import SessionModel
 from ..evaluation import (
     Evaluation,
     EvaluationSettings,
@@ -25,6 +26,7 @@ from ..simulation import read_truth
 from ..types import FloatArray, IntArray, SessionInfo, merged_values
 from ._bounds import bounds_from
 from ._estimate import session_info_from
+from ._limits import limits_in_dataset
 from ._train import Data, data_of
 
 Protocol = Literal["all", "random", "blocked", "session", "thesis", "standard", "catheter", "saved"]
@@ -150,9 +152,23 @@ def evaluate(
             fits=fits,
             executor=None if isinstance(where, LocalExecutor) else where,
         )
+        result = replace(result, notes=(*result.notes, *_limit_notes(result, report)))
         report("report", 1.0)
         metrics = write_report(result, output, command)
     return EvaluateReport(result, metrics, tuple(report_lines(metrics)), output / "report.html")
+
+
+def _limit_notes(result: Evaluation, report: Progress) -> list[str]:
+    """Returns a sentence on the unknown that limits the force, if the session model is one of the methods."""
+    notes: list[str] = []
+    for method in result.methods:
+        model = method.saved or method.estimator
+        if isinstance(model, SessionModel):
+            report(f"{method.label}: what limits the force", 1.0)
+            found = limits_in_dataset(model, result.everything)
+            if found is not None and found[1].measurable:
+                notes.append(f"{method.label} is limited in {found[0]} by {found[1].text()}.")
+    return notes
 
 
 def thesis_settings(name: str) -> Mapping[str, Any]:

@@ -120,6 +120,7 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         "The catheter's drives.",
         (
             ("knob_gain_per_m_deg", "0.533", "curvature in 1/m for a degree of the knob"),
+            ("knob_gain_uncertainty", "0.012", "relative standard uncertainty: +-2 % is 0.02 / 1.73"),
             ("knob_offset_per_m", "0.1", "curvature in 1/m with the knob at 0"),
             ("knob_play_deg", "1.0", "hysteresis of the knob: it turns by this angle before the catheter follows"),
             ("knob_column", '"knob"', "column of the force log with the knob's angle in degrees"),

@@ -67,6 +67,7 @@ RANGES = {
     "flexible_length_uncertainty": UNCERTAINTY_RANGE,
     "bending_stiffness_uncertainty": UNCERTAINTY_RANGE,
     "metres_per_px_uncertainty": UNCERTAINTY_RANGE,
+    "knob_gain_uncertainty": UNCERTAINTY_RANGE,
     "tilt_uncertainty_deg": Range(0.01, 90.0, "degrees"),
     "pose_uncertainty_deg": Range(0.0, 90.0, "degrees"),
     "pose_uncertainty_m": Range(0.0, 1.0, "metres", "mm", 1e-3),

@@ -263,6 +263,7 @@ class ActuationInfo:
         knob_offset_per_m: curvature with the knob at 0, 1/m.
         knob_play_deg: width of the hysteresis of the knob, degrees.
         log: format of the log of the drives.
+        knob_gain_uncertainty: relative standard uncertainty of the gain.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -273,6 +274,7 @@ class ActuationInfo:
     knob_offset_per_m: Annotated[float, _within("knob_offset_per_m")] | None = None
     knob_play_deg: Annotated[float, _within("knob_play_deg")] | None = None
     log: LogInfo = LogInfo()
+    knob_gain_uncertainty: Annotated[float, _within("knob_gain_uncertainty")] | None = None
 
     def curvature_per_m(self, knob_deg: float) -> float | None:
         """Returns the curvature of the shaft without load for an angle of the knob; None where no gain is stated.

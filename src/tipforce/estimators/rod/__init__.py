@@ -3,7 +3,16 @@
 from ._calibration import LEAST_STD_N, Widths, errors_over_reach, without_widths
 from ._detection import Detected, Detection
 from ._facts import RodFacts
-from ._knowledge import MODES, Knowledge, LineError, noise_unit_m, rod_model, stated_stds
+from ._knowledge import (
+    MODES,
+    STIFFNESS_LEFT_OUT,
+    Knowledge,
+    LineError,
+    knob_gain_std,
+    noise_unit_m,
+    rod_model,
+    stated_stds,
+)
 from ._lines import POINTS, LineFrame, StatedErrors
 from ._noise_level import NoiseLevel
 from ._outcome import too_noisy, unexplained
@@ -25,6 +34,7 @@ __all__ = [
     "LEAST_STD_N",
     "MODES",
     "POINTS",
+    "STIFFNESS_LEFT_OUT",
     "ConstantPriors",
     "Detected",
     "Detection",
@@ -49,6 +59,7 @@ __all__ = [
     "Widths",
     "actuation_out_of_range",
     "errors_over_reach",
+    "knob_gain_std",
     "late_frame",
     "noise_unit_m",
     "rod_model",

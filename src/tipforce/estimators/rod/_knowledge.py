@@ -11,9 +11,9 @@ import numpy.typing as npt
 from ...errors import InputError
 from ...mechanics import LineNoise
 from ...mechanics.planar import FORCE, UNKNOWNS, Model
-from ...types import FloatArray, SessionInfo
+from ...types import ActuationInfo, FloatArray, SessionInfo
 from ._lines import POINTS, StatedErrors
-from ._settings import LineSettings, NoiseSettings
+from ._settings import LineSettings, NoiseSettings, RodPriors
 
 MODES = 6
 """Number of error shapes of a session that are unknowns of `rod-track`; the rest counts as independent noise."""
@@ -23,7 +23,7 @@ NEEDED = ("catheter.flexible_length_m", "catheter.bending_stiffness_nm2")
 """Session metadata without which there is no rod."""
 
 _STIFFNESS = UNKNOWNS.index("stiffness") - FORCE
-_STIFFNESS_LEFT_OUT = 0.025
+STIFFNESS_LEFT_OUT = 0.025
 """Relative deviation of EI from its stated value in spite of a good measurement: the shaft creeps and stiffens."""
 _CAMERA_M, _MOST_TILT_DEG = 0.4, 60.0
 """Usual distance of a camera, for the effect of its tilt on lengths."""
@@ -151,7 +151,7 @@ class Knowledge:
             if not self.sessions:
                 width = prior.knob_play_deg if actuation.knob_play_deg is None else actuation.knob_play_deg
                 play = gain * width / math.sqrt(12.0)
-                covariance[0, 0] += play**2 + (prior.knob_gain * gain * knob_deg) ** 2
+                covariance[0, 0] += play**2 + (knob_gain_std(prior, actuation) * gain * knob_deg) ** 2
         return mean, covariance
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -188,13 +188,19 @@ def stated_stds(info: SessionInfo, view: str) -> dict[int, float]:
     stiffness, tilt_deg = catheter.bending_stiffness_uncertainty, camera.tilt_uncertainty_deg
     tilt = None if tilt_deg is None else math.tan(math.radians(min(tilt_deg, _MOST_TILT_DEG))) / _CAMERA_M
     stated = {
-        "stiffness": None if stiffness is None else math.hypot(stiffness, _STIFFNESS_LEFT_OUT),
+        "stiffness": None if stiffness is None else math.hypot(stiffness, STIFFNESS_LEFT_OUT),
         "length": catheter.flexible_length_uncertainty,
         "scale": camera.metres_per_px_uncertainty,
         "tilt_x_per_m": tilt,
         "tilt_y_per_m": tilt,
     }
     return {UNKNOWNS.index(name) - FORCE: std for name, std in stated.items() if std is not None}
+
+
+def knob_gain_std(prior: RodPriors, actuation: ActuationInfo) -> float:
+    """Returns the relative standard deviation of the knob's gain: the stated one, else that of ``prior``."""
+    stated = actuation.knob_gain_uncertainty
+    return prior.knob_gain if stated is None else stated
 
 
 def _scaled(covariance: FloatArray) -> FloatArray:

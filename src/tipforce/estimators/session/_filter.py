@@ -61,7 +61,13 @@ class _Hypotheses(NamedTuple):
 
 
 class SessionFilter:
-    """The state of one session; `step` takes its next line."""
+    """The state of one session; `step` takes its next line.
+
+    Attributes:
+        state: constants and slow states; None before the first line.
+        newest: result of the newest line.
+        prior_std: (COUNT,) standard deviations of the unknowns before the first line.
+    """
 
     def __init__(self, settings: SessionSettings, knowledge: Knowledge, model: Model, info: SessionInfo) -> None:
         self._settings, self._knowledge, self._model, self._info = settings, knowledge, model, info
@@ -69,6 +75,9 @@ class SessionFilter:
         self._scratch = make_scratch(make_work(model, POINTS, COUNT), COUNT)
         self._cold_work = make_work(model, POINTS, ROD)
         self.state: SessionState | None = None
+        self.newest: FilterResult | None = None
+        self.prior_std = np.zeros(COUNT)
+        self._fits: _Hypotheses | None = None
         self._scale = self._factor = self._begun_factor = 0.0
         self._error, self._stated = LineError.of(settings.noise, MODES), None
         self._whiten, self._modes, self._rows = np.empty(0), np.empty(0), POINTS + 1
@@ -107,6 +116,7 @@ class SessionFilter:
         if self.state is None or scale != self._scale or self._lost_s > self._settings.gap_s:
             self._start()
             self.state = SessionState(self._settings, self._knowledge, self._info, knob_deg)
+            self.prior_std = np.sqrt(np.diag(self.state.covariance))
             self._scale, self._begun_factor = scale, self._level.factor
             self._advance_m = advance_m
             self._lay_out_noise(begins=True)
@@ -138,7 +148,19 @@ class SessionFilter:
                 fits.found, float(contact), fits.free_q, fits.free_factor, fits.c, fits.s, self._scratch
             )
             self._waited_s = 0.0
-        return FilterResult(force, misfit, explained, self._factor)
+        self._fits, self.newest = fits, FilterResult(force, misfit, explained, self._factor)
+        return self.newest
+
+    def joint(self) -> tuple[FloatArray, FloatArray]:
+        """Returns mean (COUNT,) and covariance (COUNT, COUNT) of force and unknowns from the newest line, in contact.
+
+        Raises:
+            ValueError: no force fits it.
+        """
+        fits = self._fits
+        if fits is None or not fits.found:
+            raise ValueError("no force fits the newest line")
+        return mixed_constants(fits.found, 1.0, fits.free_q, fits.free_factor, fits.c, fits.s, self._scratch)
 
     def _lay_out_noise(self, *, begins: bool) -> None:
         self._factor = self._level.factor

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...mechanics.planar import FORCE, UNKNOWNS, Line, Model
 from ...types import FloatArray, SessionInfo
-from ..rod import MODES, POINTS, Knowledge, LineError
+from ..rod import MODES, POINTS, Knowledge, LineError, knob_gain_std
 from ._settings import SessionSettings
 from ._walk import EXTRA
 
@@ -45,7 +45,7 @@ class SessionState:
         self.mean, self.covariance = np.zeros(COUNT), np.eye(COUNT)
         self.mean[FORCE:ROD], self.covariance[FORCE:ROD, FORCE:ROD] = mean, covariance
         self.covariance[:FORCE, :FORCE] = 0.0
-        self.covariance[GAIN, GAIN] = prior.knob_gain**2
+        self.covariance[GAIN, GAIN] = knob_gain_std(prior, actuation) ** 2
         self.covariance[PLAY, PLAY] = max(_LEAST_PLAY_DEG2, self._play_deg**2 / 12.0)
         if has_knob and not knowledge.sessions:  # the play has an unknown of its own
             self.covariance[K0, K0] = prior.precurvature_per_m**2

@@ -28,7 +28,11 @@ from ._settings import SessionSettings
 
 
 class SessionStream:
-    """Estimates one session, frame after frame; a late frame is refused."""
+    """Estimates one session, frame after frame; a late frame is refused.
+
+    Attributes:
+        filter: the state of the session.
+    """
 
     def __init__(
         self,
@@ -40,7 +44,7 @@ class SessionStream:
     ) -> None:
         self._settings, self._widths, self._info = settings, widths, info
         self._detection = Detection(settings.vision, info, images, hidden_tips=True)
-        self._filter = SessionFilter(settings, knowledge, rod_model(info, settings.segments), info)
+        self.filter = SessionFilter(settings, knowledge, rod_model(info, settings.segments), info)
         self._stamp_ns: int | None = None
 
     def update(self, observation: Observation) -> ForceEstimate:
@@ -57,7 +61,7 @@ class SessionStream:
             return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, shape)
         elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp
-        found = self._filter.step(
+        found = self.filter.step(
             detected.line(), detected.frame.scale_m_per_px, knob, elapsed_s, detected.advance_m, detected.errors()
         )
         unfit = too_noisy(settings, found.level) if found.explained else unexplained(settings, found.misfit)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...mechanics.spatial import PARAMETERS
 from ...types import FloatArray, SessionInfo
-from ..rod import MODES
+from ..rod import MODES, knob_gain_std
 from ._settings import SpaceSettings
 
 FORCE = 3
@@ -74,7 +74,7 @@ class Constants:
         if several:
             tilt_deg = prior.base_angle_deg
         std[TURN : TURN + 3] = np.radians([roll_deg, tilt_deg, prior.base_angle_deg])
-        std[GAIN] = prior.knob_gain
+        std[GAIN] = knob_gain_std(prior, actuation)
         for place, view in enumerate(views):
             std[errors_of_view(place)][:VIEW_ERRORS] = _view_stds(settings, info, view)
         self.covariance = np.diag(std**2)
