@@ -38,6 +38,32 @@ def test_two_views_show_the_same_catheter_in_space(biplane):
             assert inside.any()
 
 
+def test_views_exposed_in_turn_show_later_instants_in_the_second_view(biplane):
+    turns = SimulatedBench(brief("biplane", view_delay_s=0.033), 2, 0)
+    turns.__dict__["session"] = biplane.session  # the same world
+    index = int(biplane.arrived("b")[70])
+    first, second = (turns.frame(index, view) for view in turns.views)
+    assert (first.stamp_ns, second.stamp_ns) == (biplane.stamp_ns[index], biplane.stamp_ns[index] + 33_000_000)
+    np.testing.assert_array_equal(first.image, biplane.frame(index, "a").image)
+    later = turns.interpolator.lines_m(turns.frame_s[index : index + 1] + 0.033)[0]
+    line = turns.image_truth(index, "b").centreline_px
+    np.testing.assert_allclose(turns.imaging.camera("b").project(later), line, atol=1e-9)
+    at_ns = [(at, stream) for at, stream, row in turns.schedule() if stream > 2 and row == 10]
+    assert [stream for _, stream in sorted(at_ns)] == [3, 4]
+
+
+@pytest.mark.parametrize(
+    ("preset", "delay_s", "words"),
+    [
+        ("biplane", 0.07, "below the time between two pulses of a view, 0.0667 s, got 0.07"),
+        ("fluoro", 0.03, "expected two planes with view_delay_s"),
+    ],
+)
+def test_a_delay_between_views_that_cannot_be_is_refused(preset, delay_s, words):
+    with pytest.raises(ValueError, match=words):
+        FluoroSettings.model_validate(PRESETS[preset].model_dump() | {"view_delay_s": delay_s})
+
+
 def test_the_stated_calibration_is_off_by_half_a_pixel_and_no_truth(biplane):
     info, values = biplane.session_info, biplane.values()
     points = biplane.interpolator.lines_m(np.array([7.0]))[0]

@@ -12,11 +12,12 @@ import numpy as np
 
 from .._system.executor import Executor, LocalExecutor
 from .._system.json_files import read_json
-from ..alignment import label_log, observations
+from ..alignment import PAIR_S, label_log, observations
 from ..datasets import Growing, GrowingImages, GrowingShards, SessionSamples
 from ..errors import FileFormatError, InputError
 from ..io import encode_image
 from ..simulation import (
+    FluoroSettings,
     SampleSet,
     SimulatedBench,
     Truth,
@@ -58,8 +59,14 @@ def write_samples(
         executor: runs the sessions; None: ``workers`` processes of this machine.
 
     Raises:
-        InputError: something else is in ``folder``, or the disk has too little room.
+        InputError: the views are not of one instant, something else is in ``folder``, or the disk has too little room.
     """
+    delay_s = wanted.settings.view_delay_s if isinstance(wanted.settings, FluoroSettings) else 0.0
+    if delay_s > PAIR_S:
+        raise InputError(
+            f"view_delay_s={delay_s:g}: the images of a sample are of one instant, at most {PAIR_S:g} s apart; leave "
+            "view_delay_s out, or simulate recordings, without --as dataset"
+        )
     made = {**wanted.model_dump(mode="json"), "shards": shards, "masks": masks, "lossless": lossless}
     manifest = folder / "simulated.json"
     if manifest.exists():

@@ -24,7 +24,7 @@ from ..types import (
     StageInfo,
     TissueInfo,
 )
-from ._imaging import Imaging, make_imaging, view_names
+from ._imaging import Imaging, make_imaging, view_delays_s, view_names
 from ._settings import AnySimulationSettings, SimulationSettings
 from ._trajectory_sampling import Readings, TrajectoryInterpolator
 from .rendering.camera import ImageTruth
@@ -159,7 +159,7 @@ class SimulatedBench(ClosedAtExit):
 
     @cached_property
     def frame_s(self) -> FloatArray:
-        """(n,) middle of each exposure, of the frames that were not dropped in all views."""
+        """(n,) middle of each exposure of the first view, of the frames that were not dropped in all views."""
         return self._exposures[0][self._shown]
 
     def arrived(self, view: str) -> IntArray:
@@ -172,13 +172,17 @@ class SimulatedBench(ClosedAtExit):
 
     @property
     def stamp_ns(self) -> IntArray:
-        """(n,) the frames' stamps."""
+        """(n,) the frames' stamps in the first view."""
         return np.round(self.frame_s * 1e9).astype(np.int64)
 
     @cached_property
     def interpolator(self) -> TrajectoryInterpolator:
         """The trajectory at any time."""
         return TrajectoryInterpolator(self.trajectory, self.session.bench_model, self.resolution)
+
+    def delay_ns(self, view: str) -> int:
+        """Returns how much later the exposures of ``view`` are than those of the first view, see `stamp_ns`."""
+        return round(1e9 * view_delays_s(self.settings)[view])
 
     def frame(self, index: int, view: str = "") -> Frame:
         """Returns an image.
@@ -191,7 +195,7 @@ class SimulatedBench(ClosedAtExit):
             The image with its stamp on the camera's clock.
         """
         view = view or self.views[0]
-        return Frame(int(self.stamp_ns[index]), self.imaging.image(view, index), view)
+        return Frame(int(self.stamp_ns[index]) + self.delay_ns(view), self.imaging.image(view, index), view)
 
     def image_truth(self, index: int, view: str = "") -> ImageTruth:
         """Returns the ground truth of an image.
@@ -220,7 +224,7 @@ class SimulatedBench(ClosedAtExit):
         readings = self.readings
         force_ns = np.round(readings.log.true_s * 1e9).astype(np.int64)
         joints_ns = readings.joints.stamp_ns if self.has_joints else np.empty(0, np.int64)
-        images = [self.stamp_ns[self.arrived(view)] for view in self.views]
+        images = [self.stamp_ns[self.arrived(view)] + self.delay_ns(view) for view in self.views]
         stamps = (force_ns, readings.stage.stamp_ns, joints_ns, *images)
         *drives, camera = self._delays_ns()
         delays = (*drives, *(camera for _ in images))

@@ -85,8 +85,8 @@ class Truth:
         values: the drawn parameters, by name with unit.
         settings: the settings from which they were drawn.
         side_force_n: (n, 3) force of the tissue on the side of the shaft, base frame; None if the side cannot touch.
-        others: the views beyond the first, whose images show the same instants. An image that was dropped in one view
-            has its truth all the same.
+        others: the views beyond the first, whose images show the same instants, or instants that are later by the
+            ``view_delay_s`` of the settings. An image that was dropped in one view has its truth all the same.
     """
 
     session: str

@@ -99,6 +99,13 @@ def view_names(settings: AnySimulationSettings) -> tuple[str, ...]:
     return ("a", "b") if isinstance(settings, FluoroSettings) and settings.scene.planes == 2 else ("camera",)
 
 
+def view_delays_s(settings: AnySimulationSettings) -> dict[str, float]:
+    """Returns by view how much later its exposures are than those of the first view, in s."""
+    names = view_names(settings)
+    delay_s = settings.view_delay_s if isinstance(settings, FluoroSettings) else 0.0
+    return {name: delay_s if place else 0.0 for place, name in enumerate(names)}
+
+
 def make_imaging(
     settings: AnySimulationSettings,
     session: Session,
@@ -286,9 +293,10 @@ class CameraImaging:
 
 
 class XrayImaging:
-    """Draws the images of a fluoroscope in one plane or two, whose pulses coincide.
+    """Draws the images of a fluoroscope in one plane or two.
 
-    The heart rate and the breathing rate of the patient are those of the wall.
+    The pulses of the planes coincide, or come in turn (``view_delay_s``); then, too, each plane scatters into the
+    other. The heart rate and the breathing rate of the patient are those of the wall.
 
     Args:
         settings: settings of the bench.
@@ -309,7 +317,7 @@ class XrayImaging:
         kept: IntArray,
     ) -> None:
         self.settings, self._exposed, self._times_s, self._kept = settings, exposed, times_s, kept
-        self.views = view_names(settings)
+        self.views, self._delays_s = view_names(settings), view_delays_s(settings)
         self._length_m = bench_model.rod.length_m
         parameters, breath_hz = bench_model.parameters, bench_model.settings.motion.respiration_hz
         diameter = parameters.device.diameter_m
@@ -332,7 +340,7 @@ class XrayImaging:
             breath_phase=(parameters.respiration_phase + 0.5 * math.pi) / (2.0 * math.pi),
         )
         self.scene = replace(scene, rhythm=rhythm)
-        self._pulses: dict[int, Pulse] = {}
+        self._pulses: dict[tuple[int, float], Pulse] = {}
 
     @cached_property
     def _renderers(self) -> dict[str, XrayRenderer]:
@@ -366,19 +374,20 @@ class XrayImaging:
             (h, w) image, 8 bits.
         """
         number, renderer = int(self._kept[index]), self._renderers[view]
-        *before, now = [self._pulse(k) for k in range(max(0, number - renderer.memory), number + 1)]
+        first, delay_s = max(0, number - renderer.memory), self._delays_s[view]
+        *before, now = [self._pulse(k, delay_s) for k in range(first, number + 1)]
         image = renderer.render(now.shapes_m, now.tissue, frame=now.frame, time_s=now.time_s, before=before)
         return cast("Image", image)  # 8 bits
 
-    def _pulse(self, number: int) -> Pulse:
+    def _pulse(self, number: int, delay_s: float) -> Pulse:
         """Returns the input of the image of frame ``number``; the last `_KEPT_PULSES` new ones are kept."""
-        if number not in self._pulses:
-            time_s = float(self._times_s[number])
+        if (number, delay_s) not in self._pulses:
+            time_s = float(self._times_s[number]) + delay_s
             shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, _XRAY_EXPOSURE_INSTANTS)
             if len(self._pulses) >= _KEPT_PULSES:
                 del self._pulses[next(iter(self._pulses))]
-            self._pulses[number] = Pulse(shapes, tissue, number, time_s)
-        return self._pulses[number]
+            self._pulses[number, delay_s] = Pulse(shapes, tissue, number, time_s)
+        return self._pulses[number, delay_s]
 
     def truth(self, view: str, index: int) -> ImageTruth:
         """Returns the ground truth of an image.
@@ -390,7 +399,7 @@ class XrayImaging:
         Returns:
             The catheter in the image at the middle of the pulse.
         """
-        time_s = float(self._times_s[self._kept[index]])
+        time_s = float(self._times_s[self._kept[index]]) + self._delays_s[view]
         shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, 1)
         return self._renderers[view].truth(shapes, tissue, time_s=time_s)
 

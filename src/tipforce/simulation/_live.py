@@ -214,12 +214,12 @@ class _LiveSource(SimulatedBench):
         """By stream: the number of instants of the trajectory that must have been simulated for each event."""
         readings = self.readings
         needed = (readings.need_force, readings.stage.need, readings.joints.need)
-        return *(need + 2 for need in needed), *(self._frames_need[self.arrived(view)] for view in self.views)
+        return *(need + 2 for need in needed), *(self._frames_need(view)[self.arrived(view)] for view in self.views)
 
-    @cached_property
-    def _frames_need(self) -> IntArray:
-        """(n,): the number of instants that must have been simulated for each frame, in any view."""
-        low, _ = self.interpolator.place(self.frame_s + 0.5 * self.imaging.exposure_s)
+    def _frames_need(self, view: str) -> IntArray:
+        """Returns (n,) the number of instants that must have been simulated for each frame of ``view``."""
+        end_s = self.frame_s + 1e-9 * self.delay_ns(view) + 0.5 * self.imaging.exposure_s
+        low, _ = self.interpolator.place(end_s)
         return low + 2
 
     def reach(self, rows: int, now_ns: int | None = None) -> None:
@@ -231,8 +231,8 @@ class _LiveSource(SimulatedBench):
                 self.readings.take(self.trajectory, self.run.final)
 
     def frames_so_far(self) -> IntArray:
-        """Returns the indices (n,) of the frames whose exposure has been simulated."""
-        return np.flatnonzero(self._frames_need <= self.run.done)
+        """Returns the indices (n,) of the frames whose exposure has been simulated in every view."""
+        return np.flatnonzero(self._frames_need(self.views[-1]) <= self.run.done)
 
     def __iter__(self) -> Iterator[Event]:
         while self._next < len(self._order):

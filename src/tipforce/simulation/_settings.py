@@ -1,10 +1,10 @@
 """All settings of a simulated bench, and the presets of the benchmark protocol."""
 
 import operator
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, Self, TypeVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ._fields import Settings
 from .rendering.camera import GENERALISE, THESIS_PLAIN, VARIED, SceneRanges
@@ -83,6 +83,20 @@ class FluoroSettings(_BenchSettings):
     height: int = Field(default=512, ge=128, le=2048, multiple_of=8)
     detectors: DetectorChoice | None = Field(default=None, exclude_if=operator.not_)
     """Detector, pulse rate and orientation are drawn from these for each session; None: the same for all."""
+    view_delay_s: float = Field(default=0.0, ge=0.0, le=0.5, exclude_if=operator.not_)
+    """The pulses of the second view come this much later than those of the first (alternating exposure)."""
+
+    @model_validator(mode="after")
+    def _second_view_before_the_next_pulse(self) -> Self:
+        period_s = 1.0 / self.world.clock.fps
+        if self.view_delay_s and self.scene.planes < 2:
+            raise ValueError("expected two planes with view_delay_s; this bench has one")
+        if not self.view_delay_s < period_s:
+            raise ValueError(
+                f"expected view_delay_s below the time between two pulses of a view, {period_s:.4f} s, "
+                f"got {self.view_delay_s:g}"
+            )
+        return self
 
     def of_session(self, seed: int, session: int) -> "FluoroSettings":
         """Returns the settings with the detector of one session.
