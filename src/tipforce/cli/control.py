@@ -42,8 +42,8 @@ def command(
     The run goes from the marked start toward the marked goal, touches, learns how the wall moves, and holds the force.
     A layer between controller and drives draws the catheter back before the upper end of the estimate passes 0.4 N
     (the loop's limit; the thesis's safe limit is 0.3 N) and without a valid estimate. The wall moves 4 mm at 1.2 Hz and
-    2 mm with the breath; the advance makes at most 30 mm/s, 20 ms late; the camera 30 Hz, 40 ms late. The folder gets
-    recording.mcap, control.csv, control.json, control.svg and report.html.
+    2 mm with the breath; the advance makes at most 30 mm/s, 20 ms late; the camera 30 Hz, a fluoroscope its own rate,
+    40 ms late. The folder gets recording.mcap, control.csv, control.json, control.svg and report.html.
 
     The verdict states the peak of the true force and the time above both limits. --no-limit with --controller none is
     the baseline: the effect of the wall on a catheter that does not move.

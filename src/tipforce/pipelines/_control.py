@@ -41,8 +41,9 @@ ESTIMATE_S = 10e-3
 def bench_of_regime(settings: AnySimulationSettings, regime: Regime, seconds: float) -> AnySimulationSettings:
     """Gives a bench the wall's motion, the drive and the camera of the closed-loop benchmark.
 
-    Wall 4 mm at 1.2 Hz and breath 2 mm at 0.25 Hz along its normal; advance at most 30 mm/s, 20 ms late; camera 30 Hz,
-    40 ms late. All else is the preset's: tissue, friction, lateral motion, play and drift of the knob, light.
+    Wall 4 mm at 1.2 Hz and breath 2 mm at 0.25 Hz along its normal, on the side to which the knob bends; advance at
+    most 30 mm/s, 20 ms late; camera 30 Hz, a fluoroscope at its own rate, 40 ms late. All else is the preset's: tissue,
+    friction, lateral motion, play and drift of the knob, light.
 
     Args:
         settings: settings of the preset.
@@ -70,13 +71,15 @@ def bench_of_regime(settings: AnySimulationSettings, regime: Regime, seconds: fl
         # drawn back as far as it goes, the base is where the metadata have it, next to the border
         clamp["home_m"] = 1e-3 * MAX_BACK_MM
         scene["base_inset_m"] = settings.scene.base_inset_m + clamp["home_m"]
+    fps = 30.0 if isinstance(settings, SimulationSettings) else world.clock.fps
     parts = {
         "seconds": seconds + _BEFORE_S,
         "tare_s": 2.0,
-        "wall": world.wall.model_copy(update={"contact_angle_deg": REGIMES[regime]}),
+        # a higher angle of the knob presses: the wall is never on the side from which the knob bends the tip away
+        "wall": world.wall.model_copy(update={"contact_angle_deg": REGIMES[regime], "either_side": False}),
         "motion": world.motion.model_copy(update=motion),
         "clamp": world.clamp.model_copy(update=clamp),
-        "clock": world.clock.model_copy(update={"fps": 30.0, "camera_delay_s": 40e-3}),
+        "clock": world.clock.model_copy(update={"fps": fps, "camera_delay_s": 40e-3}),
     }
     name = f"{settings.preset} {regime} moving wall"
     parts_of_bench = {"world": world.model_copy(update=parts), "scene": settings.scene.model_copy(update=scene)}
@@ -238,7 +241,7 @@ class _EstimatorFeedback(_Feedback):
         super().__init__(bench, late_ns)
         estimator = for_source(estimator, bench.source)
         self._stream = estimator.start(bench.source.session_info)
-        self._queue = ObservationQueue(estimator.views, wait_s=0.0)
+        self._queue = ObservationQueue(estimator.views, wait_s=0.0, apart=not estimator.needs_all_views)
 
     def add(self, event: Event, now_ns: int) -> None:
         """See `_Feedback`."""

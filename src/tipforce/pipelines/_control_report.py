@@ -73,16 +73,28 @@ def control(
         total_ns = session.simulation.source.settings.world.seconds * 1e9
         info = session.simulation.source.session_info
 
+        whole = False
+
         def watched() -> Iterator[Event]:
+            nonlocal whole
             for event in session.events():
                 if progress is not None and isinstance(event, Frame):
                     progress("control", min(1.0, event.stamp_ns / total_ns))
                 yield event
+            whole = True
 
+        remark = ""
         with RecordingWriter(target, info, clock=session.simulation.clock, origin="control") as writer:
-            write_run(writer, watched(), info, None, "auto", ClockChoice("none"), VisionSettings(), None)
+            try:
+                write_run(writer, watched(), info, None, "auto", ClockChoice("none"), VisionSettings(), None)
+            except InputError as error:
+                if not whole:
+                    raise
+                remark = f"the recording has no labels: {error}"  # the run has its figures all the same
         run = session.finish()
     figures = {"title": title, "settings": run.settings.model_dump(mode="json"), **run.figures(seconds)}
+    if remark:
+        figures["remark"] = remark
     write_atomic(folder / "control.json", _json(figures))
     with atomic_text(folder / "control.csv") as table:
         _write_table(run, table)
