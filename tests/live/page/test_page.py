@@ -22,7 +22,14 @@ from tipforce.live import Zero
 from tipforce.live.server import PageServer, PageState, serve
 from tipforce.types import ForceEstimate, Image, Status
 
-from .updates import CLOCK, FakeEngine, FakeLoop, Publisher, eventually  # type: ignore[import-not-found]
+from .updates import (  # type: ignore[import-not-found]
+    CLOCK,
+    FakeEngine,
+    FakeLoop,
+    Publisher,
+    estimate_in_space,
+    eventually,
+)
 
 OLDEST_S = 0.3
 SLACK_S = 0.1
@@ -695,6 +702,35 @@ def test_the_veil_falls_while_the_script_is_held_up(live: OpenPage, publisher: P
     with feeding(lambda: publisher.put(0.2)):
         # A busy machine may keep the compositor waiting, too: that it once went on alone is proof enough.
         assert any(_falls_alone(live) for _ in range(3))
+
+
+def test_a_force_in_space_has_an_arrow_in_both_views_and_its_three_components(
+    page: OpenPage, publisher: Publisher, image: Image
+) -> None:
+    def put() -> None:
+        update = publisher.update(estimate_in_space(), views={"a": image}, beside={"b": image}, reads=("a", "b"))
+        publisher.server.sink.put(update)
+
+    with feeding(put):
+        page.wait("in_window")
+        page.page.wait_for_selector("#components", state="visible")
+        page.page.wait_for_function("document.getElementById('force-z').textContent.startsWith('+20.4')")
+        assert page.text("#force-z-ends") == "+18.4 to +23.5"
+        arrows = page.page.evaluate(ARROWS)
+    assert min(arrows) > 100, "pixels of the arrow's colour in the left and in the right half of the image"
+    assert page.errors == []
+
+
+ARROWS = """() => {
+  const canvas = document.getElementById("video");
+  const { width, height } = canvas;
+  const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
+  const halves = [0, 0];
+  for (let k = 0; k < data.length; k += 4) {
+    if (data[k] < 40 && data[k + 1] > 200 && data[k + 2] > 220) halves[(k / 4) % width < width / 2 ? 0 : 1] += 1;
+  }
+  return halves;
+}"""
 
 
 def _falls_alone(live: OpenPage) -> bool:

@@ -26,7 +26,15 @@ from tipforce.live.server._messages import GAP_PX, EncodedUpdate
 from tipforce.live.server._session import PageSession
 from tipforce.types import Image, SessionInfo, Status
 
-from .updates import CLOCK, FakeEngine, FakeLoop, Publisher, estimate_of, eventually  # type: ignore[import-not-found]
+from .updates import (  # type: ignore[import-not-found]
+    CLOCK,
+    FakeEngine,
+    FakeLoop,
+    Publisher,
+    estimate_in_space,
+    estimate_of,
+    eventually,
+)
 
 TOKEN = "a-token-of-some-length"
 QUIET_S = 0.08
@@ -195,6 +203,26 @@ def test_a_view_that_the_method_does_not_read_is_shown_beside(
     assert (
         cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape[1] == 640
     )  # the width that pages begin with
+
+
+def test_views_that_are_exposed_in_turn_keep_their_places_and_their_shapes(
+    server: PageServer, publisher: Publisher, image: Image
+) -> None:
+    small = np.ascontiguousarray(image[:120, :160])
+    with opened(server) as client:
+        for views, beside in (({"a": image}, {"b": small}), ({"b": small}, {"a": image})):
+            update = publisher.update(estimate_in_space(), views=views, beside=beside, reads=("a", "b"))
+            server.sink.put(update)
+            _, values, _ = client.frame()
+            assert (values["views"], values["read"]) == (["a", "b"], ["a", "b"])
+            assert values["panels"] == [
+                {"view": "a", "begins_px": 0, "scale": 1.0},
+                {"view": "b", "begins_px": 328, "scale": 2.0},
+            ]
+            client.ack(update.number)
+    assert values["shapes_beside"]["b"]["axes_px"] == [[1.0, 0.0], [0.0, 0.05], [0.0, -1.0]]
+    assert values["shapes_beside"]["b"]["centreline_px"][0] == [40.0, 120.0]
+    assert (values["force_n"], values["component_intervals_n"][2]) == ([-0.1, 0.0, 0.2], [0.18, 0.23])
 
 
 def test_an_invalid_update_holds_no_number_and_a_notice_no_image(server: PageServer, publisher: Publisher) -> None:

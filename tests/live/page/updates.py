@@ -12,7 +12,16 @@ from tipforce.clinical import ContactMonitor, ContactSettings
 from tipforce.errors import InputError
 from tipforce.live import LiveHealth, LiveUpdate, LoopStatus, Zero
 from tipforce.live.server import PageServer, PageSettings
-from tipforce.types import BasePose, CentrelinePx, DetectedShape, ForceEstimate, Image, Status, SystemClock
+from tipforce.types import (
+    BasePose,
+    CentrelinePx,
+    DetectedShape,
+    ForceEstimate,
+    Image,
+    ShapeBeside,
+    Status,
+    SystemClock,
+)
 
 CLOCK = SystemClock()
 
@@ -114,6 +123,18 @@ def estimate_of(
     )  # fmt: skip
 
 
+def estimate_in_space() -> ForceEstimate:
+    """0.1 N along -x and 0.2 N along z, from the views a and b; b shows x along the image's rows, and z upward."""
+    force = np.array([-0.1, 0.0, 0.2])
+    ends = np.column_stack([force - 0.02, force + 0.03])
+    beside = ShapeBeside(shape_along(), np.array([[1.0, 0.0], [0.0, 0.05], [0.0, -1.0]]))
+    size = float(np.linalg.norm(force))
+    return ForceEstimate(
+        CLOCK.now_ns(), force, np.ones(3, np.bool_), 1e-4 * np.eye(3), ends, size, np.array([size - 0.02, size + 0.02]),
+        shape=shape_along(), shapes_beside={"b": beside},
+    )  # fmt: skip
+
+
 class Publisher:
     """Makes updates with rising numbers, and puts them into the sink of ``server``."""
 
@@ -130,6 +151,7 @@ class Publisher:
         image: Image | None = None,
         views: Any = None,
         beside: Any = None,
+        reads: tuple[str, ...] = (),
     ) -> LiveUpdate:
         now = CLOCK.now_ns()
         frames = {"camera": self.image if image is None else image} if views is None else views
@@ -137,7 +159,7 @@ class Publisher:
         return LiveUpdate(
             self.number, estimate, self._monitor.update(estimate), frames, now - round(age_s * 1e9), now,
             LiveHealth(20.0, self.number, 0, 0.012, 0.015, "running"), self.zero,
-            beside=beside or {},
+            beside=beside or {}, reads=reads,
         )  # fmt: skip
 
     def put(self, force_n: float = 0.2, **more: Any) -> int:

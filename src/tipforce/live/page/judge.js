@@ -65,8 +65,8 @@ export function judge(update, state, connection, age) {
     return dead("stale", "✕", "STALE", detail);
   }
   const kind = kindOf(values, state.contact);
-  const [sign, title, detail] = KINDS[kind];
-  return { kind, sign, title, detail, live: true };
+  const [sign, title, meaning] = KINDS[kind];
+  return { kind, sign, title, detail: [meaning, values.detail].filter(Boolean).join(" · "), live: true };
 }
 
 /** Time in ms for which the result of `judge` stays true if nothing more arrives. */

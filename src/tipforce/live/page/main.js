@@ -180,11 +180,23 @@ function showDigits(values) {
   set("axial-n", tip ? `${inNewtons(tip.axial_n)} N` : "");
   set("lateral", tip ? `${inGrams(tip.lateral_n)} g` : NOTHING);
   set("lateral-n", tip ? `${inNewtons(tip.lateral_n)} N` : "");
+  showComponents(values);
   const touches = values && values.magnitude_n > app.state.contact.contact_n;
   const clear = touches && tip && tip.angle_deg !== null && (tip.angle_error_deg ?? 0) <= UNCLEAR_DEG;
   set("angle", clear ? `${tip.angle_deg.toFixed(0)}°` : NOTHING);
   const unsure = touches && tip ? "not clear" : "";
   set("angle-error", clear ? (tip.angle_error_deg === null ? "" : `± ${tip.angle_error_deg.toFixed(0)}°`) : unsure);
+}
+
+/** The force in space: of a method that knows all three components. */
+function showComponents(values) {
+  const known = values?.force_n.every((part) => part !== null);
+  if (known) $("components").hidden = false; // they stay, so that the page does not jump where a force is not valid
+  for (const [k, axis] of ["x", "y", "z"].entries()) {
+    set(`force-${axis}`, known ? `${inGrams(values.force_n[k], true)} g` : NOTHING);
+    const [low, high] = known ? values.component_intervals_n[k] : [null, null];
+    set(`force-${axis}-ends`, low === null ? "" : `${inGrams(low, true)} to ${inGrams(high, true)}`);
+  }
 }
 
 /** Shows the slowly changing values, also without a force. */

@@ -7,10 +7,12 @@ import { inGrams } from "./numbers.js";
 const CENTRELINE = "#ffd60a";
 const AXIS_X = "#ff9f43";
 const AXIS_Y = "#6ec8ff";
+const AXIS_Z = "#b9f27c";
 const TIP = "#ffffff";
 const FORCE = "#00e5ff";
 const RIM = "rgba(0, 0, 0, 0.75)";
 const LEAST_ARROW_PX = 12;
+const LEAST_AXIS = 0.3; // of its length; a shorter one points to the viewer
 const LONGEST_ARROW = 1.6; // times the arrow of the limit
 
 export class Scene {
@@ -62,16 +64,21 @@ export class Scene {
       const text = values.read.includes(view) ? view : `${view}, not read`;
       write(context, text, left + perPixel * begins_px + 0.6 * size, top + size, TIP, size, "left");
     }
-    if (!values.shape || (values.view && values.view !== values.views[0])) return;
-    // Pixel centres are at integers, so the image begins half a pixel before 0.
-    const at = ([u, v]) => [left + perPixel * (u + 0.5), top + perPixel * (v + 0.5)];
     context.save();
     context.lineCap = context.lineJoin = "round";
     const unit = Math.max(1, Math.min(width, height) / 480);
-    this.#shape(context, values.shape, at, unit);
-    if (this.#shown) {
-      const limitPx = 0.25 * scale * Math.min(bitmap.width, bitmap.height);
-      this.#force(context, this.#shown, values.shape, at, unit, limitPx, limitN);
+    const limitPx = 0.25 * scale * Math.min(bitmap.width, bitmap.height);
+    const alone = [{ view: values.view || values.views[0], begins_px: 0, scale: 1 }];
+    for (const panel of values.panels.length ? values.panels : alone) {
+      const shape = panel.view === values.read[0] ? values.shape : values.shapes_beside[panel.view];
+      if (!shape) continue;
+      // Pixel centres are at integers, so the image begins half a pixel before 0.
+      const at = ([u, v]) => [
+        left + perPixel * (panel.begins_px + panel.scale * (u + 0.5)),
+        top + perPixel * panel.scale * (v + 0.5),
+      ];
+      this.#shape(context, shape, at, unit);
+      if (this.#shown) this.#force(context, this.#shown, shape, at, unit, limitPx, limitN);
     }
     context.restore();
   }
@@ -91,7 +98,9 @@ export class Scene {
       }
     }
     const origin = at(shape.origin_px);
-    for (const [axis, colour, letter] of [[shape.axes_px[0], AXIS_X, "x"], [shape.axes_px[1], AXIS_Y, "y"]]) {
+    for (const [k, [colour, letter]] of [[AXIS_X, "x"], [AXIS_Y, "y"], [AXIS_Z, "z"]].entries()) {
+      const axis = shape.axes_px?.[k];
+      if (!axis || Math.hypot(...axis) < LEAST_AXIS) continue; // it points to the viewer
       const head = [origin[0] + 46 * unit * axis[0], origin[1] + 46 * unit * axis[1]];
       arrow(context, origin, head, colour, 2.5 * unit);
       write(context, letter, head[0] + 12 * unit * axis[0], head[1] + 12 * unit * axis[1], colour, 15 * unit);
@@ -108,10 +117,10 @@ export class Scene {
 
   /** Draws the force of the tissue with its head on the tip. The limit is as long as a quarter of the image. */
   #force(context, values, shape, at, unit, limitPx, limitN) {
-    const [fx, fy] = values.force_n;
-    if (fx === null || fy === null) return;
-    const [ax, ay] = shape.axes_px;
-    const direction = [fx * ax[0] + fy * ay[0], fx * ax[1] + fy * ay[1]];
+    const axes = shape.axes_px ?? [];
+    const parts = values.force_n.slice(0, axes.length);
+    if (!parts.length || parts.includes(null)) return;
+    const direction = [0, 1].map((k) => parts.reduce((sum, part, axis) => sum + part * axes[axis][k], 0));
     const size = Math.hypot(...direction);
     const length = Math.min((limitPx * size) / limitN, LONGEST_ARROW * limitPx);
     if (!(length >= LEAST_ARROW_PX * unit)) return;

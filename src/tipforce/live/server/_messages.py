@@ -12,9 +12,10 @@ A binary message is a header of 36 bytes, little endian, then JSON (UTF-8), then
         28     4  uint32  bytes of the JSON
         32     4  uint32  bytes of the JPEG; 0: there is no image
 
-A number that is not known is null in the JSON. Coordinates are in pixels of the image of the first view, u right, v
-down, also if the JPEG has another size. Several views are sent side by side, the first one at the left, unless the page
-chooses one; ``panels`` states the column at which each begins.
+A number that is not known is null in the JSON. Coordinates are in pixels of the image of a view, u right, v down, also
+if the JPEG has another size: ``shape`` of the first view in ``read``, ``shapes_beside`` of each other one. Several
+views are sent side by side, the first one at the left, unless the page chooses one; ``panels`` states the column at
+which each begins, and the factor by which it is scaled to the height of the first.
 """
 
 import json
@@ -27,7 +28,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...types import DetectedShape, FloatArray, Image
+from ...types import DetectedShape, FloatArray, Image, ShapeBeside
 from .._numbers import number
 from .._update import LiveUpdate, Zero
 from ._tip_force import tip_force
@@ -101,17 +102,28 @@ class EncodedUpdate:
 
     def _view(self, name: str) -> tuple[str, Image | None, dict[str, Any]]:
         """Returns the name of the shown view or `ALL_VIEWS`, the image, and the panels in it."""
-        frames = {**self.update.frames, **self.update.beside} if self.update.frames else {}
+        frames = self._frames
         if name in frames or len(frames) < 2:
             view = name if name in frames else next(iter(frames), "")
             return view, frames.get(view), {"views": list(frames), "panels": []}
         image, begins_px = self._side_by_side
-        panels = [{"view": view, "begins_px": at} for view, at in zip(frames, begins_px, strict=True)]
+        height = next(iter(frames.values())).shape[0]
+        panels = [
+            {"view": view, "begins_px": at, "scale": height / shown.shape[0]}
+            for (view, shown), at in zip(frames.items(), begins_px, strict=True)
+        ]
         return ALL_VIEWS, image, {"views": list(frames), "panels": panels}
 
     @cached_property
     def _side_by_side(self) -> tuple[Image, list[int]]:
-        return side_by_side([*self.update.frames.values(), *self.update.beside.values()])
+        return side_by_side(list(self._frames.values()))
+
+    @cached_property
+    def _frames(self) -> dict[str, Image]:
+        """The images by view: those that the method reads first, in its order; empty for a notice."""
+        update = self.update
+        there = {**update.frames, **update.beside} if update.frames else {}
+        return {view: there[view] for view in dict.fromkeys([*update.reads, *there]) if view in there}
 
     def _encode(self, image: Image | None, wanted: Wanted, about: dict[str, Any]) -> bytes:
         jpeg = b"" if image is None else _jpeg(image, wanted[1], self._quality)
@@ -183,6 +195,7 @@ def update_values(update: LiveUpdate) -> dict[str, Any]:
         "magnitude_n": number(estimate.magnitude_n),
         "interval_n": _numbers(estimate.magnitude_interval_n),
         "force_n": _numbers(estimate.force_n),
+        "component_intervals_n": [_numbers(ends) for ends in estimate.interval_n],
         "tip": None
         if tip is None
         else {
@@ -195,7 +208,8 @@ def update_values(update: LiveUpdate) -> dict[str, Any]:
         "integral_running": update.integral_running,
         "zero": None if update.zero is None else _zero(update.zero, update.published_ns),
         "shape": None if estimate.shape is None else _shape(estimate.shape),
-        "read": list(update.frames),
+        "shapes_beside": {view: _shape_beside(each) for view, each in estimate.shapes_beside.items()},
+        "read": list(update.reads or update.frames),
         "health": _health(update),
     }
 
@@ -244,6 +258,13 @@ def _shape(shape: DetectedShape) -> dict[str, Any] | None:
         "axes_px": np.round(shape.base.axes_px, 4).tolist(),
         "diameter_px": number(shape.diameter_px, 1),
     }
+
+
+def _shape_beside(beside: ShapeBeside) -> dict[str, Any] | None:
+    found = _shape(beside.shape)
+    if found is not None:  # in place of the axes of the image: x, y and z of the base frame
+        found["axes_px"] = None if beside.axes_px is None else np.round(beside.axes_px, 4).tolist()
+    return found
 
 
 def _health(update: LiveUpdate) -> dict[str, Any]:
