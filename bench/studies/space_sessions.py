@@ -35,7 +35,7 @@ def rows_of(path: Path, method: str, lose: str, from_s: float) -> list[list[floa
     """Estimates one recording; each row has `COLUMNS`, with NaN where there is no estimate."""
     with open_source(path) as source:
         estimator = create(method).for_views(views_of(source))
-        seen = list(observations(source, estimator.views))
+        seen = list(observations(source, estimator.views, apart=not estimator.needs_all_views))
         info = source.session_info
     truth = read_truth(truth_path(path))
     first = [each.views[estimator.views[0]] for each in seen if estimator.views[0] in each.views]

@@ -45,3 +45,26 @@ def test_frames_that_still_wait_come_at_the_end():
     assert queue.add(Frame(0, IMAGE, "a")) == []
     (rest,) = queue.rest()
     assert set(rest.views) == {"a"}
+
+
+@pytest.mark.parametrize("apart_ms", [0, 5, 19, 21, 33, 60])
+def test_each_image_of_views_exposed_in_turn_is_an_observation_where_a_method_takes_any_view(apart_ms):
+    queue = ObservationQueue(("a", "b"), apart=True)
+    found = [each for event in events(apart_ms) for each in queue.add(event)] + queue.rest()
+    stamps = [each.stamp_ns for each in found]
+    assert stamps == sorted(set(stamps))
+    shown = [tuple(each.views) for each in found]
+    if apart_ms <= 1e3 * PAIR_S:
+        assert shown == [("a", "b")] * 5
+    elif apart_ms == 60:  # each is near the next of the first view
+        assert shown == [("a",), *[("a", "b")] * 4, ("b",)]
+    else:
+        assert shown == [("a",), ("b",)] * 5
+
+
+def test_the_other_view_goes_on_where_the_first_one_is_lost():
+    frames = [event for event in events(0) if isinstance(event, Frame)]
+    frames = [frame for frame in frames if frame.view == "b" or frame.stamp_ns == 0]
+    queue = ObservationQueue(("a", "b"), wait_s=0.0, apart=True)
+    found = [each for event in frames for each in queue.add(event)] + queue.rest()
+    assert [tuple(each.views) for each in found] == [("a", "b"), *[("b",)] * 4]

@@ -9,9 +9,10 @@ from tipforce.errors import InputError
 from tipforce.estimators import create
 from tipforce.estimators._session_detection import DetectedLine
 from tipforce.estimators.space import Rod3d, SpaceSettings
-from tipforce.estimators.space._cameras import Reference, ViewLine, turns
+from tipforce.estimators.space._cameras import Reference, ViewLine, base_axes_px, turns
 from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, SHAPE, Constants
 from tipforce.estimators.space._filter import SpaceFilter, SpaceResult, ViewShape, rod_of
+from tipforce.estimators.space._motion import MAX_LINE_AGE_S, LineMemory, ShownLine, whitened_with_motion
 from tipforce.estimators.space._posterior import linearise
 from tipforce.estimators.space._widths import SpaceWidths
 from tipforce.estimators.space.space import SpaceStream
@@ -68,11 +69,13 @@ def seen(force_n: FloatArray, rng: np.random.Generator, views: tuple[str, ...] =
     return found
 
 
-def session(views: tuple[str, ...], forces_n: list[FloatArray], shown: list[tuple[str, ...]]) -> list[SpaceResult]:
+def session(
+    views: tuple[str, ...], forces_n: list[FloatArray], shown: list[tuple[str, ...]], step_s: float = 0.07
+) -> list[SpaceResult]:
     rng = np.random.default_rng(3)
     model = SpaceFilter(SpaceSettings(views=views), 0.5, INFO)
     return [
-        model.step(seen(force, rng, each), KNOB_DEG, 0.07 if k else 0.0, 0.0)
+        model.step(seen(force, rng, each), KNOB_DEG, step_s if k else 0.0, 0.0)
         for k, (force, each) in enumerate(zip(forces_n, shown, strict=True))
     ]
 
@@ -96,10 +99,63 @@ def test_two_views_give_the_force_in_space() -> None:
 
 
 def test_a_view_that_drops_out_widens_the_interval() -> None:
-    both, one = session(("a", "b"), [np.zeros(3)] * 4 + [FORCE_N] * 2, [("a", "b")] * 5 + [("a",)])[-2:]
-    assert one.explained
-    assert width_n(one)[2] > 3.0 * width_n(both)[2]
-    assert one.force.low_n[2] <= FORCE_N[2] <= one.force.high_n[2]
+    """First its line is predicted, 70 and 140 ms ahead; then there is one view alone."""
+    forces, both = [np.zeros(3)] * 4 + [FORCE_N] * 6, ("a", "b")
+    kept = session(both, forces, [both] * 10)[-4:]
+    *predicted, late, alone = session(both, forces, [both] * 6 + [("a",)] * 4)[-4:]
+    assert all(each.explained for each in (*predicted, late, alone))
+    assert [each.views for each in (*predicted, late, alone)] == [both, both, ("a",), ("a",)]
+    assert [dict(each.late_s) for each in predicted] == [{}, {"b": pytest.approx(0.14)}]
+    shares = [width_n(lost)[2] / width_n(there)[2] for lost, there in zip((*predicted, late, alone), kept, strict=True)]
+    assert 1.0 < shares[0] < shares[1] < shares[3]
+    assert shares[3] > 3.0
+    for each in (*predicted, late, alone):
+        assert each.force.low_n[2] <= FORCE_N[2] <= each.force.high_n[2]
+
+
+def test_views_exposed_in_turn_give_the_force_in_space() -> None:
+    """The force rises steadily; each instant shows one view, and the line of the other one is predicted."""
+    forces = [FORCE_N * min(1.0, max(0.0, (k - 6) / 6)) for k in range(13)]
+    found = session(("a", "b"), forces, [("a",), ("b",)] * 6 + [("a",)], step_s=0.035)
+    for each, force in zip(found[-4:], forces[-4:], strict=True):
+        assert each.views == ("a", "b")
+        assert not each.late_s
+        assert abs(each.force.force_n[2] - force[2]) < 0.02
+        assert each.force.low_n[2] - 0.005 <= force[2] <= each.force.high_n[2] + 0.005
+    alone = session(("a", "b"), forces, [("a",)] * 13, step_s=0.035)[-1]
+    assert width_n(found[-1])[2] < 0.5 * width_n(alone)[2]
+
+
+def test_a_predicted_line_is_as_unsure_as_the_motion_that_is_expected() -> None:
+    shapes = [seen(force, np.random.default_rng(0))["b"] for force in (np.zeros(3), FORCE_N)]
+    lines = [ShownLine.of(each.shape, each.shape.centreline, SIZE) for each in shapes if each.shape.centreline]
+    memory, settings = LineMemory(), SpaceSettings()
+    memory.at_next(0.0, {"b": lines[0]})
+    (last,) = memory.at_next(0.03, {}).values()
+    assert np.array_equal(last.line.points, lines[0].line.points)
+    assert (last.noise_factor, last.force_change_n(settings)) == (1.0, pytest.approx(0.03))
+    memory.at_next(0.03, {"b": lines[1]})
+    (ahead,) = memory.at_next(0.03, {}).values()
+    assert np.allclose(ahead.line.points, 1.5 * lines[1].line.points - 0.5 * lines[0].line.points)
+    assert ahead.noise_factor == pytest.approx(np.hypot(1.5, 0.5))
+    assert ahead.force_change_n(settings) == pytest.approx(0.5 * 10.0 * 0.03 * 0.09)
+    assert memory.at_next(MAX_LINE_AGE_S, {}) == {}
+
+
+def test_the_noise_with_motion_is_that_of_line_and_force() -> None:
+    rng = np.random.default_rng(0)
+    root = np.tril(rng.normal(size=(5, 5))) + 3.0 * np.eye(5)
+    slopes = rng.normal(size=(5, 3))
+    whiten = whitened_with_motion(np.linalg.inv(root), slopes, 0.7)
+    assert np.allclose(whiten @ (root @ root.T + 0.49 * slopes @ slopes.T) @ whiten.T, np.eye(5))
+
+
+def test_the_directions_of_the_base_frame_in_an_image() -> None:
+    ahead = base_axes_px(np.array(INFO.view("a").projection), np.eye(3))
+    across = base_axes_px(np.array(INFO.view("b").projection), np.eye(3))
+    assert np.allclose(ahead, [[1.0, 0.0], [0.0, -1.0], [0.0, 0.0]], atol=1e-3)
+    cos, sin = np.cos(np.radians(85.0)), np.sin(np.radians(85.0))
+    assert np.allclose(across, [[1.0, 0.0], [0.0, -cos], [0.0, -sin]], atol=1e-3)
 
 
 def test_a_wrong_line_in_one_view_is_left_out() -> None:
@@ -131,9 +187,13 @@ def test_derivatives_of_the_residuals_are_those_of_differences() -> None:
     model = SpaceFilter(SpaceSettings(views=("a", "b")), 0.5, INFO)
     shapes = seen(FORCE_N, np.random.default_rng(0))
     model.step(shapes, KNOB_DEG, 0.0, 0.0)
-    lines = {view: ViewLine.of(each.shape.centreline) for view, each in shapes.items() if each.shape.centreline}
+    lines = {
+        view: ShownLine.of(each.shape, each.shape.centreline, SIZE)
+        for view, each in shapes.items()
+        if each.shape.centreline
+    }
     cameras = {view: np.array(INFO.view(view).projection) for view in lines}
-    problem = model._problem(shapes, lines, cameras, 0.0)
+    problem = model._problem(lines, cameras, 0.0)
     here = problem.mean.copy()
     here[:3] = FORCE_N
     steps = np.full(here.size, 1e-4)
@@ -236,6 +296,4 @@ def test_a_session_does_not_begin_with_the_second_view_alone(monkeypatch: pytest
     image = np.zeros((512, 512), np.uint8)
     estimate = stream.update(Observation(0, {"b": image}, {"knob_deg": KNOB_DEG}))
     assert estimate.status is Status.MISSING_INPUT
-    assert (
-        "a: it has no image of this instant; the view b has one (a session begins with a line in a" in estimate.detail
-    )
+    assert "a: no image of this instant (a session begins with a line in a" in estimate.detail

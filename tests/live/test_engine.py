@@ -16,7 +16,7 @@ from tipforce.live._latency import Histogram, RecentDelays
 from tipforce.live._runner import SinkRunner
 from tipforce.types import Actuation, ActuationInfo, Frame, SessionInfo, Status, SystemClock
 
-from .conftest import FAST, PERIOD_S, Camera, Method, Notes, wait_until
+from .conftest import FAST, PERIOD_S, Camera, Method, Notes, force_estimate, wait_until
 
 MS = 1_000_000
 
@@ -281,10 +281,9 @@ def image(number):
     return found
 
 
-def intake(views=("camera",), info=None, settings=None, same_clock=True):
-    return Intake(
-        views, info or SessionInfo(), settings or LiveSettings(), same_clock=same_clock, on_fault=lambda: None
-    )
+def intake(views=("camera",), info=None, settings=None, same_clock=True, apart=False):
+    info, settings = info or SessionInfo(), settings or LiveSettings()
+    return Intake(views, info, settings, same_clock=same_clock, apart=apart, on_fault=lambda: None)
 
 
 def test_the_newest_frame_waits_and_the_others_are_dropped():
@@ -341,6 +340,43 @@ def test_views_that_are_exposed_in_turn_are_not_one_instant():
         assert set(taken.take(0.0).observation.views) == {"a"}
 
 
+def test_each_image_of_views_exposed_in_turn_is_an_instant_where_a_method_takes_any_view():
+    taken = intake(("a", "b"), apart=True)
+    shown = []
+    for number in range(4):
+        taken.add(Frame(number * 66 * MS, image(number), "a"), number * 66 * MS)
+        taken.add(Frame((number * 66 + 30) * MS, image(100 + number), "b"), (number * 66 + 30) * MS)
+        while (found := taken.take(0.0)) is not None:
+            shown.append((*found.observation.views, *found.beside))
+    while (found := taken.take(0.1)) is not None:  # the last one waits for a partner that may come
+        shown.append((*found.observation.views, *found.beside))
+    assert shown == [("a", "b"), ("b", "a")] * 4
+
+
+def test_a_slow_method_gets_the_newest_image_of_each_view_the_older_one_first():
+    taken = intake(("a", "b"), apart=True)
+    for number in range(4):
+        taken.add(Frame(number * 66 * MS, image(number), "a"), number * 66 * MS)
+        taken.add(Frame((number * 66 + 30) * MS, image(100 + number), "b"), (number * 66 + 30) * MS)
+    for view, at_ms in (("a", 264), ("b", 294)):
+        taken.add(Frame(at_ms * MS, image(4), view), at_ms * MS)
+    first, second = (taken.take(0.1) for _ in range(2))
+    assert first is not None
+    assert second is not None
+    assert (first.observation.views["b"][0, 0], second.observation.views["a"][0, 0]) == (103, 4)
+    assert taken.dropped == 4
+
+
+def test_an_image_that_comes_after_a_later_one_was_taken_is_left_out():
+    taken = intake(("a", "b"), apart=True, same_clock=False)
+    taken.add(Frame(0, image(0), "a"), 0)
+    assert taken.take(0.2) is not None
+    taken.add(Frame(66 * MS, image(1), "a"), 66 * MS)
+    assert taken.take(0.2) is not None
+    taken.add(Frame(30 * MS, image(2), "b"), 90 * MS)
+    assert taken.take(0.1) is None
+
+
 def test_the_newest_image_of_a_view_that_is_not_read_is_kept_to_be_shown():
     taken = intake(("a",))
     for number in (1, 2):
@@ -372,6 +408,27 @@ def test_a_view_that_is_lost_ends_the_force_of_the_method_that_reads_it_alone(en
     else:
         assert (last.valid, last.status) == (False, Status.STALE)
         assert "the last image of the view a is" in last.detail
+
+
+class AnyView(Method):
+    """Takes any of two views."""
+
+    needs_all_views = False
+
+    def update(self, observation):
+        self.observations.append(observation)
+        return force_estimate(observation.stamp_ns, 0.1 * len(observation.views))
+
+
+def test_a_method_that_takes_any_view_goes_on_where_one_is_lost_and_the_run_says_so(engine):
+    method, notes = AnyView(), Notes()
+    method.wanted_views = ("a", "b")
+    engine(LosesA(80, views=("a", "b")), method, notes).run()
+    last = [each for each in notes.updates if each.estimate.valid][-1]
+    assert set(last.frames) == {"b"}
+    assert last.reads == ("a", "b")
+    assert last.health.camera == "running"
+    assert "the view a" in last.health.message
 
 
 def test_a_source_on_another_clock_is_mapped_by_its_smallest_delay():
@@ -436,7 +493,7 @@ def test_readings_and_frames_that_nobody_takes_do_not_pile_up():
             taken.add(Actuation(number * 1000 * MS + step, {"knob_deg": 1.0}), number * 1000 * MS)
     assert len(taken._waiting) <= 16
     assert sum(map(len, taken._series._stamps.values())) < 20
-    assert all(len(frames) < 20 for frames in taken._pairing._others.values())
+    assert all(len(frames) < 20 for frames in taken._pairing._frames.values())
     recent = RecentDelays()
     for number in range(5000):
         recent.add(number * 20 * MS, 0.001 * (number % 10))

@@ -1,5 +1,6 @@
 """Events -> observations: the images of one instant, with the actuation at their mid-exposure."""
 
+from bisect import insort
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -35,50 +36,65 @@ def nearest_frames(stamps_ns: IntArray, others_ns: IntArray, within_s: float = P
 
 
 class Pairing:
-    """Collects frames; for a frame of the first view it finds the images of all views at its instant.
+    """Collects the frames of several views; for a frame it finds the images of all views at its instant.
 
     Args:
         views: names of the views.
         within_s: largest difference in time between the images of one observation.
+        apart: whether an image of a further view that no image of the first view is near is an instant of its own.
     """
 
-    def __init__(self, views: Sequence[str], within_s: float = PAIR_S) -> None:
-        self._views, self._within_s = tuple(views), within_s
-        self._others: dict[str, deque[Frame]] = {view: deque() for view in self._views[1:]}
+    def __init__(self, views: Sequence[str], within_s: float = PAIR_S, *, apart: bool = False) -> None:
+        self._first, self._within_s, self._apart = views[0], within_s, apart
+        self._frames: dict[str, deque[Frame]] = {view: deque() for view in views}
 
-    def add(self, frame: Frame) -> None:
-        """Adds a frame of a view beyond the first; others are ignored."""
-        if frame.view in self._others:
-            self._others[frame.view].append(frame)
+    def add(self, frame: Frame) -> bool:
+        """Adds a frame; returns whether it may set the time of an observation. A frame of other views is ignored."""
+        if frame.view not in self._frames:
+            return False
+        self._frames[frame.view].append(frame)
+        return self._apart or frame.view == self._first
 
     def forget_before(self, stamp_ns: int) -> None:
         """Drops the frames that no frame at or after ``stamp_ns`` needs."""
-        for frames in self._others.values():
+        for frames in self._frames.values():
             while len(frames) > 1 and frames[1].stamp_ns <= stamp_ns:
                 frames.popleft()
 
-    def final_at(self, stamp_ns: int) -> bool:
-        """Returns whether every other view has come as far as ``stamp_ns``: later frames pair no better."""
-        return all(frames and frames[-1].stamp_ns >= stamp_ns for frames in self._others.values())
+    def final_at(self, frame: Frame) -> bool:
+        """Returns whether every other view has come as far as ``frame``: later frames pair no better."""
+        others = (frames for view, frames in self._frames.items() if view != frame.view)
+        return all(frames and frames[-1].stamp_ns >= frame.stamp_ns for frames in others)
 
     def views_of(self, frame: Frame) -> dict[str, Image]:
-        """Returns ``frame`` of the first view and its partners; a view without such an image is absent."""
-        found = {self._views[0]: frame.image}
-        for view, frames in self._others.items():
-            stamps = np.array([other.stamp_ns for other in frames], np.int64)
-            place = int(nearest_frames(np.array([frame.stamp_ns]), stamps, self._within_s)[0])
-            if place >= 0:
-                found[view] = frames[place].image
+        """Returns the images at the instant of ``frame``, that of the first view first.
+
+        A view without an image that is near is absent. Of a frame of a further view the result is empty where it
+        belongs to the instant of a frame of the first view.
+        """
+        if frame.view != self._first:
+            return {} if self._near(self._first, frame) else {frame.view: frame.image}
+        found = {self._first: frame.image}
+        for view in self._frames:
+            if view != self._first and (partner := self._near(view, frame)):
+                found[view] = partner.image
         return found
+
+    def _near(self, view: str, frame: Frame) -> Frame | None:
+        frames = self._frames[view]
+        stamps = np.array([each.stamp_ns for each in frames], np.int64)
+        index = int(nearest_frames(np.array([frame.stamp_ns]), stamps, self._within_s)[0])
+        return frames[index] if index >= 0 else None
 
 
 class ObservationQueue:
     """Takes events as they arrive, and returns the observations that are complete.
 
     There is one observation for each frame of the first view. It contains the image of each further view that is
-    nearest in time; where none is near, that view is absent. Actuation is interpolated linearly where a later reading,
-    within ``WAIT_S`` of the frame in stamps, is there, else the last one holds; names without an earlier reading are
-    absent.
+    nearest in time; where none is near, that view is absent. With ``apart`` a frame of a further view that no frame of
+    the first view is near is an observation of its own, as where the views are exposed in turn or one is lost.
+    Actuation is interpolated linearly where a later reading, within ``WAIT_S`` of the frame in stamps, is there, else
+    the last one holds; names without an earlier reading are absent.
 
     Args:
         views: names of the views.
@@ -86,45 +102,49 @@ class ObservationQueue:
             where images arrive later than readings.
         pair_s: largest difference in time between the images of one observation, and longest time that a frame waits.
             All times are those of the stamps: the newest event sets the present time.
+        apart: see above.
     """
 
-    def __init__(self, views: Sequence[str], *, wait_s: float = WAIT_S, pair_s: float = PAIR_S) -> None:
-        self._first, self._wait_s = views[0], wait_s
+    def __init__(
+        self, views: Sequence[str], *, wait_s: float = WAIT_S, pair_s: float = PAIR_S, apart: bool = False
+    ) -> None:
+        self._wait_s = wait_s
         self._wait_ns, self._pair_ns = round(wait_s * 1e9), round(pair_s * 1e9)
-        self._series, self._pairing = ActuationSeries(), Pairing(views, pair_s)
-        self._waiting: deque[Frame] = deque()
+        self._series, self._pairing = ActuationSeries(), Pairing(views, pair_s, apart=apart)
+        self._waiting: list[Frame] = []
 
     def add(self, event: Event) -> list[Observation]:
         """Returns the observations that are complete with this event, in order of their frames."""
         if isinstance(event, Actuation) and event.stream != STAGE:
             self._series.add(event)
-        elif isinstance(event, Frame):
-            if event.view == self._first:
-                self._waiting.append(event)
-            else:
-                self._pairing.add(event)
+        elif isinstance(event, Frame) and self._pairing.add(event):
+            insort(self._waiting, event, key=lambda frame: frame.stamp_ns)
         found: list[Observation] = []
-        while self._waiting and self._ready(self._waiting[0].stamp_ns, event.stamp_ns):
-            found.append(self._release(self._waiting.popleft()))
+        while self._waiting and self._ready(self._waiting[0], event.stamp_ns):
+            found += self._release(self._waiting.pop(0))
         if isinstance(event, Frame):
-            self._pairing.forget_before(self._waiting[0].stamp_ns if self._waiting else event.stamp_ns)
+            self._pairing.forget_before((self._waiting[0] if self._waiting else event).stamp_ns - self._pair_ns)
         return found
 
     def rest(self) -> list[Observation]:
         """Returns the observations of the frames that still wait, where no event comes any more."""
-        found = [self._release(frame) for frame in self._waiting]
+        found = [observation for frame in self._waiting for observation in self._release(frame)]
         self._waiting.clear()
         return found
 
-    def _ready(self, stamp_ns: int, now_ns: int) -> bool:
-        read = self._series.final_at(stamp_ns) or now_ns - stamp_ns >= self._wait_ns
-        return read and (self._pairing.final_at(stamp_ns) or now_ns - stamp_ns > self._pair_ns)
+    def _ready(self, frame: Frame, now_ns: int) -> bool:
+        age_ns = now_ns - frame.stamp_ns
+        read = self._series.final_at(frame.stamp_ns) or age_ns >= self._wait_ns
+        return read and (self._pairing.final_at(frame) or age_ns > self._pair_ns)
 
-    def _release(self, frame: Frame) -> Observation:
+    def _release(self, frame: Frame) -> list[Observation]:
+        images = self._pairing.views_of(frame)
+        if not images:
+            return []
         values = self._series.at(np.array([frame.stamp_ns]), wait_s=max(self._wait_s, WAIT_S))
         known = {name: float(value[0]) for name, value in values.items() if not np.isnan(value[0])}
         self._series.forget_before(frame.stamp_ns)
-        return Observation(frame.stamp_ns, self._pairing.views_of(frame), known)
+        return [Observation(frame.stamp_ns, images, known)]
 
 
 def observations(
@@ -133,6 +153,7 @@ def observations(
     *,
     wait_s: float = WAIT_S,
     pair_s: float = PAIR_S,
+    apart: bool = False,
 ) -> Iterator[Observation]:
     """Yields an observation for each frame of a view, or of the first of several views; see `ObservationQueue`.
 
@@ -141,11 +162,13 @@ def observations(
         view: name of the view, or names of several.
         wait_s: longest time that a frame waits for a later reading.
         pair_s: largest difference in time between the images of one observation.
+        apart: whether a frame of a further view may be an observation of its own.
 
     Yields:
         The observations, in order of the frames.
     """
-    queue = ObservationQueue((view,) if isinstance(view, str) else view, wait_s=wait_s, pair_s=pair_s)
+    names = (view,) if isinstance(view, str) else view
+    queue = ObservationQueue(names, wait_s=wait_s, pair_s=pair_s, apart=apart)
     for event in events:
         yield from queue.add(event)
     yield from queue.rest()

@@ -241,6 +241,15 @@ class Estimator(ABC):
         return (DEFAULT_VIEW,)
 
     @property
+    def needs_all_views(self) -> bool:
+        """False where an observation may have any one of the views.
+
+        Then each image that is taken apart from those of the other views is an observation of its own, and a view that
+        is lost does not end the estimates.
+        """
+        return True
+
+    @property
     def calibrates_on_images(self) -> bool:
         """True where detection is resolved for each session on its own images."""
         return False

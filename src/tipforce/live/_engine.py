@@ -89,6 +89,7 @@ class Engine:
             self._info,
             self.settings,
             same_clock=same_clock,
+            apart=not estimator.needs_all_views,
             on_fault=self._wake.set,
         )
         self._reader = SourceReader(source, self._intake, self.settings, self.clock, self._stop)
@@ -427,6 +428,7 @@ class Engine:
             self._contact.running,
             self._intake.limit_ns * 1e-9,
             beside=beside,
+            reads=self._estimator.views,
         )
         for runner in self._runners:
             runner.offer(self._latest)
@@ -441,7 +443,7 @@ class Engine:
             latency_p99_s=p99_s,
             camera="running" if fault is None else fault.camera,
             reconnects=self._reader.reconnects,
-            message=self._trouble if fault is None else fault.message,
+            message=(self._trouble or self._intake.lost_view(now_ns)) if fault is None else fault.message,
             starting=self._answered_ns is None,
             sinks=MappingProxyType({runner.name: runner.health(now_ns) for runner in self._runners}),
         )

@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+from bisect import insort
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -42,7 +43,7 @@ class Instant:
         observation: images and actuation, on the source's clock.
         captured_ns: mid-exposure on the engine's clock; the earliest possible time where the driver states a bound.
         run: number that changes when the source's clock restarts.
-        beside: newest images of the views that the estimator does not read, to be shown.
+        beside: newest images of the views that are not in ``observation``, to be shown.
         too_old_s: age of the last reading of each drive whose reading is too old; these drives are absent from
             ``observation``.
     """
@@ -64,6 +65,8 @@ class Intake:
         info: session metadata.
         settings: time limits of the engine.
         same_clock: whether the stamps of the source are on the engine's clock already.
+        apart: whether an image that no image of another view is near is an instant of its own; then there is no fault
+            while one view has none.
         on_fault: called on the thread of the source for each unusable image.
     """
 
@@ -74,16 +77,18 @@ class Intake:
         settings: LiveSettings,
         *,
         same_clock: bool,
+        apart: bool = False,
         on_fault: Callable[[], None],
     ) -> None:
         self._views, self._settings, self._on_fault = tuple(views), settings, on_fault
         self._constant = dict(info.actuation.constant)
-        self._same_clock = same_clock
+        self._same_clock, self._apart = same_clock, apart
         self._watches = {view: CameraWatch(view, settings) for view in self._views}
         self._new = threading.Condition()
         self._source: Fault | None = None
-        self._beside: dict[str, Image] = {}
-        self._delays_ns = {view: deque[int](maxlen=RECENT_DELAYS) for view in self._views[1:]}
+        self._beside: dict[str, Frame] = {}
+        """Newest frame of each view that is shown, whether it is read or not."""
+        self._delays_ns = {view: deque[int](maxlen=RECENT_DELAYS) for view in self._views}
         self._rate = Rate()
         self.frames_in = self.dropped = self.unusable = self._run = 0
         self._begin_run()
@@ -91,12 +96,16 @@ class Intake:
     def _begin_run(self) -> None:
         self._clock = ArrivalClock(MAX_CLOCK_STEP_NS)
         self._series, self._read_ns = ActuationSeries(), dict[str, int]()
-        self._pairing = Pairing(self._views)
-        self._waiting: deque[tuple[Frame, int, int]] = deque(maxlen=MAX_WAITING_FRAMES)
-        """Frame, mid-exposure on the engine's clock, and the time of the machine's clock until which it waits."""
+        self._pairing = Pairing(self._views, apart=self._apart)
+        self._waiting: list[tuple[Frame, int, int]] = []
+        """Frame, mid-exposure on the engine's clock, and the time of the machine's clock until which it waits; in the
+        order of their stamps."""
         self._newest_ns = 0
         """Largest stamp of the images so far."""
-        self._slot: tuple[Frame, int] | None = None
+        self._taken_ns = -1
+        """Stamp of the last instant that was taken."""
+        self._slots: dict[str, tuple[Frame, int]] = {}
+        """By view: the newest frame that sets the time of an instant; the oldest of them is taken next."""
         self._stamps: dict[str, int] = {}
 
     def add(self, event: Event, now_ns: int) -> None:
@@ -135,28 +144,44 @@ class Intake:
         with self._new:
             while True:
                 wait_s = min(self._release(), end_s - time.monotonic())
-                if self._slot is not None or wait_s <= 0.0:
+                if self._slots or wait_s <= 0.0:
                     break
                 self._new.wait(wait_s)
-            taken, self._slot = self._slot, None
-            return None if taken is None else self._instant(*taken)
+            if not self._slots:
+                return None
+            view = min(self._slots, key=lambda each: self._slots[each][0].stamp_ns)
+            frame, captured_ns = self._slots.pop(view)
+            self._taken_ns = frame.stamp_ns
+            return self._instant(frame, captured_ns)
 
     @property
     def empty(self) -> bool:
         """Whether no instant is waiting."""
-        return self._slot is None
+        return not self._slots
 
     def fault(self, now_ns: int) -> Fault | None:
-        """Returns the fault of the source or of the cameras at ``now_ns``; None if every view has a valid image."""
+        """Returns the fault of the source or of the cameras at ``now_ns``; None if every view has a valid image.
+
+        With ``apart`` one view with a valid image is enough.
+        """
         with self._new:
             if self._source is not None:
                 return self._source
             faults = [fault for watch in self._watches.values() if (fault := watch.fault(now_ns))]
+            if self._apart and len(faults) < len(self._watches):
+                return None
             found = worst(faults)
             if found is not None and found.camera == "waiting" and self._beside:
                 sent = ", ".join(sorted(self._beside))
                 return Fault("waiting", f"{found.message}; the source sends {sent}")
             return found
+
+    def lost_view(self, now_ns: int) -> str:
+        """Returns with ``apart`` the fault of the views without a valid image, where another has one; else ""."""
+        with self._new:
+            faults = [fault for watch in self._watches.values() if (fault := watch.fault(now_ns))]
+            found = worst(faults) if self._apart and len(faults) < len(self._watches) else None
+            return "" if found is None else found.message
 
     @property
     def limit_ns(self) -> int:
@@ -165,15 +190,19 @@ class Intake:
 
     @property
     def deadline_ns(self) -> int | None:
-        """Time at which the first of the views becomes stale; None if a view has a fault."""
+        """Time at which the first of the views becomes stale; None if a view has a fault. With ``apart``: the last."""
         deadlines = [watch.deadline_ns for watch in self._watches.values()]
         known = [each for each in deadlines if each is not None]
+        if self._apart:
+            return max(known, default=None)
         return min(known) if len(known) == len(deadlines) else None
 
     @property
     def last_captured_ns(self) -> int | None:
-        """Mid-exposure of the last good image of the first view, on the engine's clock."""
-        return self._watches[self._views[0]].fresh_ns
+        """Mid-exposure of the last good image of the first view, on the engine's clock. With ``apart``: of any view."""
+        views = self._views if self._apart else self._views[:1]
+        known = [at_ns for view in views if (at_ns := self._watches[view].fresh_ns) is not None]
+        return max(known, default=None)
 
     def stamp_at(self, now_ns: int) -> int:
         """Converts a time of the engine's clock to the source's clock."""
@@ -188,7 +217,7 @@ class Intake:
         view = frame.view
         if view not in self._watches:
             if view in self._beside or len(self._beside) < MAX_OTHER_VIEWS:
-                self._beside[view] = frame.image
+                self._beside[view] = frame
             return
         good = True
         with self._new:
@@ -217,15 +246,18 @@ class Intake:
             self._on_fault()
 
     def _wait_for_partners(self, frame: Frame, captured_ns: int, now_ns: int) -> None:
-        """Holds a frame of the first view until it has its partners, or until no partner can come any more."""
+        """Holds a frame until it has its partners, or until no partner can come any more."""
         delay_ns = now_ns - captured_ns
-        if frame.view == self._views[0]:
-            others_ns = max((other for each in self._delays_ns.values() for other in each), default=0)
+        if self._pairing.add(frame):
+            others = (each for view, each in self._delays_ns.items() if view != frame.view)
+            others_ns = max((other for each in others for other in each), default=0)
             extra_ns = min(max(0, others_ns - delay_ns), MAX_EXTRA_WAIT_NS)
-            self._waiting.append((frame, captured_ns, time.monotonic_ns() + _PAIR_NS + extra_ns))
-        else:
-            self._pairing.add(frame)
-            self._delays_ns[frame.view].append(delay_ns)
+            waiting = frame, captured_ns, time.monotonic_ns() + _PAIR_NS + extra_ns
+            insort(self._waiting, waiting, key=lambda each: each[0].stamp_ns)
+            del self._waiting[:-MAX_WAITING_FRAMES]
+        self._delays_ns[frame.view].append(delay_ns)
+        if self._apart:
+            self._beside[frame.view] = frame
         self._newest_ns = max(self._newest_ns, frame.stamp_ns)
         self._release()
         self._new.notify()
@@ -237,16 +269,19 @@ class Intake:
         while self._waiting:
             frame, captured_ns, due_ns = self._waiting[0]
             passed = self._newest_ns - frame.stamp_ns > _PAIR_NS
-            if due_ns > now_ns and not passed and not self._pairing.final_at(frame.stamp_ns):
+            if due_ns > now_ns and not passed and not self._pairing.final_at(frame):
                 return (due_ns - now_ns) * 1e-9
-            self.dropped += self._slot is not None
-            self._slot = frame, captured_ns
-            self._waiting.popleft()
+            del self._waiting[0]
+            if frame.stamp_ns <= self._taken_ns:  # an image of another view, which was taken later, came earlier
+                self.dropped += frame.view == self._views[0]
+            elif self._pairing.views_of(frame):
+                self.dropped += frame.view == self._views[0] and frame.view in self._slots
+                self._slots[frame.view] = frame, captured_ns
         return math.inf
 
     def _instant(self, frame: Frame, captured_ns: int) -> Instant:
         stamp_ns = frame.stamp_ns
-        views = self._pairing.views_of(frame)
+        views = self._pairing.views_of(frame) or {frame.view: frame.image}
         self._pairing.forget_before(stamp_ns - _PAIR_NS)
         read = self._series.at(np.array([stamp_ns]))
         known = {name: float(value[0]) for name, value in read.items() if not np.isnan(value[0])}
@@ -258,4 +293,9 @@ class Intake:
         }
         current = {name: value for name, value in known.items() if name not in too_old}
         observation = Observation(stamp_ns, views, {**self._constant, **current})
-        return Instant(observation, captured_ns, self._run, dict(self._beside), too_old)
+        beside = {
+            view: shown.image
+            for view, shown in self._beside.items()
+            if view not in views and (view not in self._watches or stamp_ns - shown.stamp_ns <= self.limit_ns)
+        }
+        return Instant(observation, captured_ns, self._run, beside, too_old)

@@ -116,7 +116,8 @@ class LiveUpdate:
         integral_running: whether the force-time integral of ``clinical`` runs; before its start it is 0, after its stop
             it is constant.
         max_age_s: age of the image at which the estimate expires.
-        beside: view -> newest image of each view that the method does not read, to be shown; of about the same time.
+        beside: view -> newest image of each other view, to be shown; of about the same time.
+        reads: names of the views that the method reads.
         published_unix_ns: ``published_ns`` in nanoseconds since 1970 by this machine's clock.
     """
 
@@ -132,6 +133,7 @@ class LiveUpdate:
     max_age_s: float = MAX_AGE_S
     published_unix_ns: int = field(default_factory=time.time_ns)
     beside: Mapping[str, Image] = field(default_factory=lambda: MappingProxyType({}))
+    reads: tuple[str, ...] = ()
 
     @property
     def expires_ns(self) -> int:

@@ -177,7 +177,7 @@ def estimate(
     with source_of(frames, stated, actuation or {}, frame_rate_hz) as source:
         estimator = for_source(estimator, source)
         stream = start_stream(estimator, source)
-        for observation in observations(source, estimator.views):
+        for observation in observations(source, estimator.views, apart=not estimator.needs_all_views):
             yield stream.update(observation).checked()
 
 
@@ -365,7 +365,7 @@ def write_estimates(
         video = stack.enter_context(_Overlay(overlay, view, full_scale_n)) if overlay else None
         rows = csv.writer(table, lineterminator="\n")
         rows.writerow(COLUMNS)
-        for observation in observations(source, estimator.views):
+        for observation in observations(source, estimator.views, apart=not estimator.needs_all_views):
             start = time.perf_counter()
             found = stream.update(observation).checked()
             seconds = time.perf_counter() - start
@@ -375,7 +375,7 @@ def write_estimates(
             elapsed = f"{(found.stamp_ns - first_ns) * 1e-9:.6f}"
             name = names.get(found.stamp_ns, "")
             rows.writerow([report.frames - 1, elapsed, *_row(found), *_clinical_row(clinical), name])
-            if video:
+            if video and view in observation.views:
                 video.add(observation, found)
             if progress:
                 progress(f"frame {report.frames}", min(1.0, report.frames / total) if total else 0.0)

@@ -10,7 +10,7 @@ from ._arrays import BoolArray, FloatArray, Image, IntArray, frozen
 from ._axes import ADVANCE, KNOB, STAGE_ACROSS, STAGE_FORWARD, AxisLimits, Commanded, refuse_unknown
 from ._bench_edit import edited_bench
 from ._bench_file import bench_text, bench_values, info_from_facts, read_bench
-from ._estimate import MAX_AGE_S, ForceEstimate
+from ._estimate import MAX_AGE_S, ForceEstimate, ShapeBeside
 from ._ranges import FORCE_RANGE, RANGES, Range, actuation_range
 from ._seams import Actuators, Clock, SimulatedClock, Source, SystemClock
 from ._session import (
@@ -78,6 +78,7 @@ __all__ = [
     "Reads",
     "SensorInfo",
     "SessionInfo",
+    "ShapeBeside",
     "ShapeFeatures",
     "SimulatedClock",
     "Source",

@@ -1,8 +1,10 @@
 """The result of an estimator: a force with its uncertainty, or "not valid" with the reason."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
+from types import MappingProxyType
 
 import numpy as np
 
@@ -14,6 +16,24 @@ MAX_AGE_S = 1.0
 """No force is used whose image is older, for any settings and any rate of the camera: live and in the loop."""
 
 _NO_INTERVAL = (math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeBeside:
+    """The catheter in a view beyond the first.
+
+    Attributes:
+        shape: the catheter as detected in the newest image of the view.
+        axes_px: (3, 2) directions of x, y and z of the base frame in that image; the length of each is 1 where the axis
+            is parallel to the image, and 0 where it points to the viewer. None where the directions are not known.
+    """
+
+    shape: DetectedShape
+    axes_px: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if self.axes_px is not None:
+            object.__setattr__(self, "axes_px", frozen("axes_px", self.axes_px, (3, 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +59,7 @@ class ForceEstimate:
             wide, or spans two sources that differ too much; NaN in every other case. It is for safety functions only,
             which must act on its upper end; it is never displayed as a force.
         source: the member of a combined method that gave the force; None from a method without members.
+        shapes_beside: view -> the catheter in each further view that the method reads.
     """
 
     stamp_ns: int
@@ -54,6 +75,7 @@ class ForceEstimate:
     shape: DetectedShape | None = None
     abstained_interval_n: tuple[float, float] = _NO_INTERVAL
     source: StrEnum | None = None
+    shapes_beside: Mapping[str, ShapeBeside] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))

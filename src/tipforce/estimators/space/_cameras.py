@@ -181,3 +181,14 @@ def turns(angles_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
 def scale_at(camera: FloatArray, point_m: FloatArray) -> float:
     """Returns the pixels per metre of a view at a point (3,)."""
     return float(np.linalg.norm(_gradients(camera, point_m), axis=1).mean())
+
+
+def base_axes_px(camera: FloatArray, turn: FloatArray) -> FloatArray:
+    """Returns the directions (3, 2) of the base frame's axes in an image; an axis parallel to it has the length 1.
+
+    Args:
+        camera: (3, 4) projection from the reference frame to pixels.
+        turn: (3, 3) of the base in the reference frame.
+    """
+    along = _gradients(camera, np.zeros(3))
+    return np.asarray((along @ turn).T / np.linalg.norm(along, axis=1).mean(), np.float64)

@@ -6,7 +6,7 @@ information on the constants than one.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -14,11 +14,12 @@ import numpy as np
 
 from ...mechanics.spatial import SpatialRod, SpatialShapes
 from ...types import DetectedShape, FloatArray, SessionInfo
-from ..rod import MODES, LineError, NoiseLevel, StatedErrors
-from ._cameras import Reference, ViewLine, camera_of, scale_at, toward_viewer
-from ._constants import DEPTH, FORCE, Constants, error_slopes
+from ..rod import MODES, LineError, NoiseLevel
+from ._cameras import Reference, base_axes_px, camera_of, scale_at, toward_viewer, turns
+from ._constants import DEPTH, FORCE, TURN, Constants, error_slopes
 from ._mixture import SpaceForce, mixed_constants, mixed_force
-from ._posterior import Fit, Measurement, Nodes, Problem, fit, lay_grid
+from ._motion import LineMemory, ShownLine, whitened_with_motion
+from ._posterior import Fit, Measurement, Nodes, Problem, fit, force_slopes, lay_grid
 from ._settings import SpaceSettings
 
 _LEAST_SHARE = 1e-6
@@ -56,6 +57,8 @@ class SpaceResult(NamedTuple):
         explained: whether the rod explains the lines.
         level: of the noise relative to the stated one.
         views: the views that the force is from: one, where the lines of two exclude each other.
+        late_s: age in s of the image of those views whose next image is late.
+        axes_px: (3, 2) directions of the base frame's axes in the image of each view, see `ShapeBeside`.
     """
 
     force: SpaceForce
@@ -63,17 +66,19 @@ class SpaceResult(NamedTuple):
     explained: bool
     level: float
     views: tuple[str, ...]
+    late_s: Mapping[str, float]
+    axes_px: Mapping[str, FloatArray]
 
 
 class _Solution(NamedTuple):
-    """The posterior of some lines; ``places``: their views among those of the settings."""
+    """The posterior of some lines."""
 
     force: SpaceForce
     misfit: float
     free: Fit
     grids: list[Nodes]
     shares: list[FloatArray]
-    places: list[int]
+    measurements: Sequence[Measurement]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,32 +136,39 @@ class SpaceFilter:
         self._start: _Start | None = None
         self._share = contact_share
         self._waited_s, self._lost_s = math.inf, 0.0
+        self._lines, self._begun_with = LineMemory(), 0
         self._last: dict[str, tuple[FloatArray, FloatArray]] = {}
 
     def step(self, seen: Mapping[str, ViewShape], knob_deg: float, elapsed_s: float, advance_m: float) -> SpaceResult:
         """Returns the force at one instant.
 
         Args:
-            seen: found shapes by the name of their view; at least one.
+            seen: found shapes by the name of their view; at least one. The line of a view that is absent is predicted.
             knob_deg: reading of the knob; NaN: not known.
             elapsed_s: time since the last instant.
             advance_m: advance of the clamp.
         """
         self._waited_s += elapsed_s
         self._lost_s += elapsed_s
-        lines = {view: ViewLine.of(each.shape.centreline) for view, each in seen.items() if each.shape.centreline}
-        cameras = {view: camera_of(self._info, view, seen[view].size_px) for view in lines}
-        if self.constants is None or self._lost_s > self._settings.gap_s:
-            self._begin(lines, cameras, next(iter(seen.values())).size_px, knob_deg, advance_m)
+        shown = {
+            view: ShownLine.of(each.shape, each.shape.centreline, each.size_px)
+            for view, each in seen.items()
+            if each.shape.centreline
+        }
+        lines = self._lines.at_next(elapsed_s, shown)
+        cameras = {view: camera_of(self._info, view, each.size_px) for view, each in lines.items()}
+        # where the first line of the second view comes later it shows the base in space
+        if self.constants is None or self._lost_s > self._settings.gap_s or len(lines) > self._begun_with:
+            self._begin(lines, cameras, knob_deg, advance_m)
         assert self.constants is not None
         self.constants.predict(elapsed_s, knob_deg)
         change = 1.0 - math.exp(-elapsed_s / self._settings.contact_s)
         share = self._share * (1.0 - change) + (1.0 - self._share) * change
-        problem = self._problem(seen, lines, cameras, advance_m)
+        problem = self._problem(lines, cameras, advance_m)
         log_odds = math.log(share / (1.0 - share))
         found = self._solve(problem, log_odds)
         if len(lines) > 1 and found.misfit > _CONFLICT * self._settings.max_misfit:
-            parts = (replace(problem, measurements=[each]) for each in problem.measurements)
+            parts = (replace(problem, measurements=[each]) for each in problem.measurements if not each.age_s)
             alone = (self._solve(part, log_odds) for part in parts)
             found = next((each for each in alone if self._explained(each)), found)
         force, explained, level = found.force, self._explained(found), self._level.factor
@@ -169,7 +181,8 @@ class SpaceFilter:
             self._lost_s = math.inf
         contact = force.contact > 0.5
         clear = abs(force.contact - float(contact)) < _UNCLEAR and (contact or found.free.ok)
-        used = [self._settings.views[place] for place in found.places]
+        used = tuple(self._settings.views[each.place] for each in found.measurements)
+        late_s = {view: lines[view].age_s for view in used if lines[view].overdue}
         teaches = len(used) > 1 or self._settings.views[0] in used
         if explained and clear and teaches and self._waited_s >= self._settings.update_s:
             # one view alone would teach the depth in one of its two mirror images
@@ -178,7 +191,11 @@ class SpaceFilter:
                 held=() if len(used) > 1 else DEPTH,
             )
             self._waited_s = 0.0
-        return SpaceResult(force, found.misfit, explained, level, tuple(used))
+        return SpaceResult(force, found.misfit, explained, level, used, late_s, self._axes_px(problem))
+
+    def _axes_px(self, problem: Problem) -> dict[str, FloatArray]:
+        turn = turns(problem.mean[None, TURN : TURN + 3])[0][0]
+        return {self._settings.views[each.place]: base_axes_px(each.camera, turn) for each in problem.measurements}
 
     def _explained(self, found: "_Solution") -> bool:
         return found.misfit <= self._settings.max_misfit and found.force.modes > 0
@@ -188,61 +205,70 @@ class SpaceFilter:
         free, touch, grids = self._fit(problem)
         force, shares = mixed_force(grids, free, log_odds, self._settings.prior.largest_force_n)
         misfit = min((each.chi2 for each in (free, touch) if each and each.ok), default=math.inf) / problem.rows
-        return _Solution(force, misfit, free, grids, shares, [each.place for each in problem.measurements])
+        return _Solution(force, misfit, free, grids, shares, problem.measurements)
 
     def _begin(
         self,
-        lines: Mapping[str, ViewLine],
+        lines: Mapping[str, ShownLine],
         cameras: Mapping[str, FloatArray],
-        size_px: tuple[int, int],
         knob_deg: float,
         advance_m: float,
     ) -> None:
         """Starts the session at an instant: frame of the base, priors of the constants."""
         views = self._settings.views
         self.constants = Constants(self._settings, self._info, views, knob_deg, several=len(lines) > 1)
-        viewer = toward_viewer(camera_of(self._info, views[0], size_px), np.zeros(3))
         order = [view for view in views if view in lines]
+        size_px = lines[order[0]].size_px
+        viewer = toward_viewer(camera_of(self._info, views[0], size_px), np.zeros(3))
         reference = Reference.of(
-            [cameras[view] for view in order], [lines[view] for view in order], self._shapes.rod.length_m, viewer
+            [cameras[view] for view in order], [lines[view].line for view in order], self._shapes.rod.length_m, viewer
         )
         reference = replace(reference, origin_m=reference.origin_m - advance_m * reference.axes[:, 0])
-        self._begun_factor = self._level.factor
+        self._begun_factor, self._begun_with = self._level.factor, len(lines)
         self._start = _Start(reference, {})
         self._share, self._waited_s, self._lost_s, self._last = self._contact_share, math.inf, 0.0, {}
 
     def _problem(
         self,
-        seen: Mapping[str, ViewShape],
-        lines: Mapping[str, ViewLine],
+        lines: Mapping[str, ShownLine],
         cameras: Mapping[str, FloatArray],
         advance_m: float,
     ) -> Problem:
         assert self.constants is not None
         assert self._start is not None
-        measurements: list[Measurement] = []
-        for place, view in enumerate(self._settings.views):
-            if view not in lines:
-                continue
-            line, shape = lines[view], seen[view].shape
-            camera = self._start.reference.camera(cameras[view])
-            unit_px = max(1.0, self._shapes.rod.length_m * scale_at(camera, np.zeros(3)) / _PIXELS)
-            stated = StatedErrors.of(shape)
-            error = LineError.of(self._settings.noise, MODES, self._level.factor)
-            modes = self._start.modes_px.setdefault(view, error.modes)
-            error = replace(error, modes=modes).beside(stated, 1.0 / unit_px)
-            middle = 0.5 * (np.array(seen[view].size_px) - 1.0)
-            slopes = error_slopes(line.points, line.normals, middle, error.modes * unit_px)
-            measurements.append(Measurement(place, line, camera, error.whiten / unit_px, slopes, error.rows))
         information = np.zeros_like(self.constants.covariance)
         information[FORCE:, FORCE:] = np.linalg.inv(self.constants.covariance[FORCE:, FORCE:])
-        return Problem(
+        measurements: list[Measurement] = []
+        problem = Problem(
             self._shapes, measurements, self.constants.mean, information, self.constants.gain_per_m_deg,
             self.constants.knob_deg, self._lever_per_m_n, advance_m, self._settings.huber,
         )  # fmt: skip
+        for place, view in enumerate(self._settings.views):
+            if view not in lines:
+                continue
+            shown = lines[view]
+            line = shown.line
+            camera = self._start.reference.camera(cameras[view])
+            unit_px = max(1.0, self._shapes.rod.length_m * scale_at(camera, np.zeros(3)) / _PIXELS)
+            error = LineError.of(self._settings.noise, MODES, self._level.factor)
+            modes = self._start.modes_px.setdefault(view, error.modes)
+            error = replace(error, modes=modes).beside(shown.stated, 1.0 / unit_px)
+            middle = 0.5 * (np.array(shown.size_px) - 1.0)
+            slopes = error_slopes(line.points, line.normals, middle, error.modes * unit_px)
+            whiten = error.whiten / (unit_px * shown.noise_factor)
+            measurement = Measurement(place, line, camera, whiten, slopes, error.rows, shown.age_s)
+            if shown.age_s:
+                q, shape = self._last.get("touch") or self._last.get("free") or (
+                    problem.mean, self._shapes.unloaded(1)[0],
+                )  # fmt: skip
+                moved = force_slopes(problem, measurement, q, shape)
+                whiten = whitened_with_motion(whiten, moved, shown.force_change_n(self._settings))
+                measurement = replace(measurement, whiten=whiten)
+            measurements.append(measurement)
+        return problem
 
     def _fit(self, problem: Problem) -> tuple[Fit, Fit | None, list[Nodes]]:
-        """Fits without and with a force; where one view is there, also from the mirror image of the force."""
+        """Fits without and with a force; where one view shows this instant, also from the mirror image of the force."""
         unloaded = self._shapes.unloaded(1)[0]
         start, shape = self._last.get("free", (problem.mean, unloaded))
         free = fit(problem, start, shape, contact=False)
@@ -262,7 +288,9 @@ class SpaceFilter:
             self._last.pop("touch", None)
             return free, None, []
         largest = self._settings.prior.largest_force_n
-        other = self._mirrored(problem, touch) if len(problem.measurements) == 1 else None
+        # the mirror image is excluded by lines of two views at this instant only
+        alone = sum(not each.age_s for each in problem.measurements) == 1
+        other = self._mirrored(problem, touch) if alone else None
         if other is not None and other.cost < touch.cost - 1.0:  # the first fit has not reached its minimum
             touch = self._mirrored(problem, other) or touch
         self._last["touch"] = touch.q, touch.quaternions
@@ -277,8 +305,8 @@ class SpaceFilter:
 
     def _mirrored(self, problem: Problem, touch: Fit) -> Fit | None:
         """Returns the fit on the other side of the image's plane; None where there is no separate one."""
-        camera = problem.measurements[0].camera
-        depth = toward_viewer(camera, np.zeros(3))
+        shown = next(each for each in problem.measurements if not each.age_s)
+        depth = toward_viewer(shown.camera, np.zeros(3))
         start = problem.mean.copy()
         force = touch.q[:FORCE]
         start[:FORCE] = force - 2.0 * (force @ depth) * depth

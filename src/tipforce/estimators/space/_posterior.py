@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...mechanics.spatial import SpatialShapes
-from ...types import FloatArray, IntArray
+from ...types import BoolArray, FloatArray, IntArray
 from ._cameras import ViewLine, turns
 from ._constants import BEND_Y, BEND_Z, FORCE, GAIN, LEVER, POSITION, SHAPE, STIFFNESS, TURN, errors_of_view
 from ._projection import RATES, residuals
@@ -52,6 +52,7 @@ class Measurement:
         whiten: (points + 1, points + 1) makes the residuals white; zero rows where a point is hidden.
         error_slopes: (points + 1, errors) derivatives of the residuals by the errors of the view.
         rows: number of measurements.
+        age_s: time since the image of the line; 0: it shows this instant.
     """
 
     place: int
@@ -60,6 +61,7 @@ class Measurement:
     whiten: FloatArray
     error_slopes: FloatArray
     rows: int
+    age_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +115,65 @@ class Linear:
     tip_axis: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """Shapes of the rod at ``count`` points of the unknowns, and their pose.
+
+    Attributes:
+        nodes: (count, nodes, 3) in the base frame, m.
+        node_slopes: (count, nodes, 3, parameters) derivatives.
+        position: (count, 3) of the base in the reference frame, m.
+        turn: (count, 3, 3) of the base.
+        turn_slopes: (count, 3, 3, 3) derivatives by the angles.
+        stable: (count,) whether there is such a shape, and it is stable.
+    """
+
+    nodes: FloatArray
+    node_slopes: FloatArray
+    position: FloatArray
+    turn: FloatArray
+    turn_slopes: FloatArray
+    stable: BoolArray
+
+
+def _placed(problem: Problem, q: FloatArray, quaternions: FloatArray, parents: IntArray | None) -> _Placed:
+    parameters = q[:, :SHAPE].copy()
+    force = np.linalg.norm(q[:, :FORCE], axis=1)
+    lever, knob = problem.lever_per_m_n, problem.gain_per_m_deg * problem.knob_deg
+    parameters[:, BEND_Y] += lever * force * q[:, LEVER]
+    parameters[:, BEND_Z] += lever * force * q[:, LEVER + 1] + knob * (1.0 + q[:, GAIN])
+    possible = problem.shapes.is_possible(parameters)
+    parameters[~possible] = parameters[possible][0] if possible.any() else 0.0
+    nodes, node_slopes, stable = problem.shapes.solve(parameters, quaternions, parents)
+    turn, turn_slopes = turns(q[:, TURN : TURN + 3])
+    position = q[:, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0]
+    return _Placed(nodes, node_slopes, position, turn, turn_slopes, possible & stable)
+
+
+def _residuals(each: Measurement, placed: _Placed) -> tuple[FloatArray, FloatArray]:
+    """Returns the residuals (count, points + 1) of a line, and their derivatives (count, points + 1, `RATES`)."""
+    count, rows = len(placed.nodes), len(each.line.points) + 1
+    residual, slopes = np.empty((count, rows)), np.empty((count, rows, RATES))
+    residuals(
+        placed.nodes, placed.node_slopes, placed.position, placed.turn, placed.turn_slopes, each.camera,
+        each.line.points, each.line.normals, residual, slopes,
+    )  # fmt: skip
+    return residual, slopes
+
+
+def force_slopes(problem: Problem, each: Measurement, q: FloatArray, quaternions: FloatArray) -> FloatArray:
+    """Returns the derivatives (points + 1, 3) of a line's residuals by the force, in px/N.
+
+    Args:
+        problem: lines and prior.
+        each: the line.
+        q: (unknowns,) a point of the unknowns.
+        quaternions: (elements, 4) start of the shape; it is not changed.
+    """
+    _, slopes = _residuals(each, _placed(problem, q[None], quaternions[None].copy(), None))
+    return slopes[0, :, :FORCE]
+
+
 def linearise(
     problem: Problem, q: FloatArray, quaternions: FloatArray, parents: IntArray | None = None, *, contact: bool = True
 ) -> Linear:
@@ -129,17 +190,9 @@ def linearise(
         The normal equations.
     """
     count, size = q.shape
-    parameters = q[:, :SHAPE].copy()
     force = np.linalg.norm(q[:, :FORCE], axis=1)
-    lever = problem.lever_per_m_n
-    knob = problem.gain_per_m_deg * problem.knob_deg
-    parameters[:, BEND_Y] += lever * force * q[:, LEVER]
-    parameters[:, BEND_Z] += lever * force * q[:, LEVER + 1] + knob * (1.0 + q[:, GAIN])
-    possible = problem.shapes.is_possible(parameters)
-    parameters[~possible] = parameters[possible][0] if possible.any() else 0.0
-    nodes, node_slopes, stable = problem.shapes.solve(parameters, quaternions, parents)
-    turn, turn_slopes = turns(q[:, TURN : TURN + 3])
-    position = q[:, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0]
+    lever, knob = problem.lever_per_m_n, problem.gain_per_m_deg * problem.knob_deg
+    placed = _placed(problem, q, quaternions, parents)
     apart = q - problem.mean
     matrix = np.tile(problem.information, (count, 1, 1))
     side = -apart @ problem.information
@@ -147,13 +200,8 @@ def linearise(
     chi2 = np.zeros(count)
     direction = q[:, :FORCE] / np.maximum(force, 1e-9)[:, None]
     for each in problem.measurements:
-        rows = len(each.line.points) + 1
-        residual, shape_slopes = np.empty((count, rows)), np.empty((count, rows, RATES))
-        residuals(
-            nodes, node_slopes, position, turn, turn_slopes, each.camera, each.line.points, each.line.normals,
-            residual, shape_slopes,
-        )  # fmt: skip
-        slopes = np.zeros((count, rows, size))
+        residual, shape_slopes = _residuals(each, placed)
+        slopes = np.zeros((*residual.shape, size))
         slopes[:, :, :RATES] = shape_slopes
         slopes[:, :, GAIN] = knob * shape_slopes[:, :, BEND_Z]
         for k, bend in enumerate((BEND_Y, BEND_Z)):
@@ -169,13 +217,14 @@ def linearise(
         chi2 += (white**2).sum(axis=1)
         weight = np.sqrt(np.where(within, 1.0, problem.huber / np.maximum(grown, 1e-9)))
         whitened = (each.whiten @ slopes) * weight[:, :, None]
-        matrix += whitened.transpose(0, 2, 1) @ whitened
-        side -= np.einsum("prk,pr->pk", whitened, weight * white)
+        transposed = whitened.transpose(0, 2, 1)
+        matrix += transposed @ whitened
+        side -= (transposed @ (weight * white)[:, :, None])[:, :, 0]
     if contact:  # the shapes show force over stiffness: a flat prior of the force would prefer stiff rods
         side[:, STIFFNESS] -= 1.0 / (1.0 + q[:, STIFFNESS])
         cost += np.log1p(q[:, STIFFNESS])
-    cost[~(possible & stable)] = math.inf
-    axis = nodes[:, -1] - nodes[:, -2]
+    cost[~placed.stable] = math.inf
+    axis = placed.nodes[:, -1] - placed.nodes[:, -2]
     return Linear(cost, chi2, matrix, side, axis / np.linalg.norm(axis, axis=1, keepdims=True))
 
 
@@ -324,10 +373,8 @@ def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
     counts = (_LONG,) if held == 1 else (_LONG, _SHORT)
     grid = np.stack(np.meshgrid(*[np.arange(-n, n + 1) for n in counts], indexing="ij"), axis=-1).reshape(-1, held)
     grid = grid[np.argsort(np.abs(grid).sum(axis=1), kind="stable")]
-    rotate = np.eye(len(best.q))
-    rotate[:FORCE, :FORCE] = basis
     # the rest follows the held directions along the minimum; without the prior of the best fit
-    matrix = rotate.T @ best.matrix @ rotate
+    matrix = _turned(best.matrix.copy(), basis)
     rest = np.ones(len(best.q), np.bool_)
     fixed = np.arange(FORCE - 1, FORCE - 1 - held, -1)
     rest[fixed] = False
@@ -336,7 +383,8 @@ def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
     turned = np.zeros((len(grid), len(best.q)))
     turned[:, fixed] = offsets
     turned[:, rest] = offsets @ follow.T
-    q = best.q + turned @ rotate.T
+    turned[:, :FORCE] = turned[:, :FORCE] @ basis.T
+    q = best.q + turned
     inside = np.linalg.norm(q[:, :FORCE], axis=1) <= largest_n
     q, grid = q[inside], grid[inside]
     if not len(q):
@@ -348,7 +396,8 @@ def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
     starts: IntArray | None = parents
     for _ in range(_NODE_STEPS):
         here = linearise(problem, q, quaternions, starts)
-        matrix, side = rotate.T @ here.matrix @ rotate, here.side @ rotate
+        matrix, side = _turned(here.matrix, basis), here.side
+        side[:, :FORCE] = side[:, :FORCE] @ basis
         hold(matrix, side, FORCE - held, FORCE)
         moved = np.zeros_like(q)
         fine = np.isfinite(here.cost)
@@ -356,7 +405,8 @@ def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
         gap = np.einsum("pk,pk->p", moved, side)
         cost = np.where(fine, here.cost - 0.5 * gap, math.inf)
         kept = cost < cost.min() + _DEPTH
-        q, quaternions, starts = q[kept] + moved[kept] @ rotate.T, quaternions[kept], None
+        moved[:, :FORCE] = moved[:, :FORCE] @ basis.T
+        q, quaternions, starts = q[kept] + moved[kept], quaternions[kept], None
         matrix, gap, cost, axis = matrix[kept], gap[kept], cost[kept], here.tip_axis[kept]
         if not len(q) or gap.max() < _NODE_GAP:
             break
@@ -366,9 +416,21 @@ def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
     covariance = np.linalg.inv(matrix[fits])
     covariance[:, fixed, fixed] = 0.0
     return Nodes(
-        basis, held, float(np.prod(step)), q[fits], cost[fits], rotate @ covariance @ rotate.T,
+        basis, held, float(np.prod(step)), q[fits], cost[fits], _turned(covariance, basis.T),
         -cost[fits] - 0.5 * np.linalg.slogdet(matrix[fits])[1], axis[fits],
     )  # fmt: skip
+
+
+def _turned(matrix: FloatArray, basis: FloatArray) -> FloatArray:
+    """Turns the force's part of information or covariance (..., unknowns, unknowns), in place, and returns it.
+
+    Args:
+        matrix: in the axes from which ``basis`` turns.
+        basis: (3, 3) new axes in columns.
+    """
+    matrix[..., :FORCE, :] = basis.T @ matrix[..., :FORCE, :]
+    matrix[..., :FORCE] = matrix[..., :FORCE] @ basis
+    return matrix
 
 
 def _parent(place: list[int], index: dict[tuple[int, ...], int]) -> int:

@@ -76,6 +76,11 @@ class SpaceSettings(RodFitSettings):
     """How long the lever of the force stays, until the tissue moves the other way."""
     line_error_s: _Positive = 10.0
     """How long the lasting error of a line stays."""
+    force_rate_n_per_s: _Positive = 1.0
+    """Standard deviation of the rate of each component of the force, where a view showed one line only so far."""
+    force_acceleration_n_per_s2: _Positive = 10.0
+    """Standard deviation of the acceleration of each component of the force: by it the line of a view is unsure that
+    shows no image of an instant, as with views exposed in turn."""
     gap_s: _Positive = 5.0
     """After so long without lines that the rod explains, the session's constants are learnt anew."""
 

@@ -16,7 +16,18 @@ import numpy.typing as npt
 
 from ...datasets import Dataset
 from ...errors import InputError, ModelError
-from ...types import DetectedShape, ForceEstimate, Image, Observation, SessionInfo, Status, missing_views, views_text
+from ...types import (
+    DetectedShape,
+    FloatArray,
+    ForceEstimate,
+    Image,
+    Observation,
+    SessionInfo,
+    ShapeBeside,
+    Status,
+    missing_views,
+    views_text,
+)
 from ...vision import detector_kind
 from .._base import Estimator, Progress, Stream, no_progress
 from .._builder import within_error
@@ -26,6 +37,7 @@ from .._session_detection import SessionDetection
 from .._session_metadata import UninformedStream
 from ..rod import actuation_out_of_range, late_frame, too_noisy, unexplained, without_widths
 from ._filter import SpaceFilter, ViewShape
+from ._motion import MAX_LINE_AGE_S
 from ._settings import SpaceSettings
 from ._widths import SpaceWidths, calibrated_widths
 
@@ -81,28 +93,44 @@ class SpaceStream:
         self._info = info
         self._filter = SpaceFilter(settings, fitted.contact_share, info)
         self._stamp_ns: int | None = None
+        self._shapes: dict[str, tuple[int, DetectedShape]] = {}
+        """Stamp and shape of the newest image of each view."""
+        self._axes_px: Mapping[str, FloatArray] = {}
 
     def update(self, observation: Observation) -> ForceEstimate:
         """Returns the force at this observation; the status states the reason of an abstention."""
+        found = self._estimate(observation)
+        beside = {
+            view: ShapeBeside(shape, self._axes_px.get(view))
+            for view in self._settings.views[1:]
+            if (shape := self._shape(view, observation.stamp_ns)) is not None
+        }
+        return replace(found, shapes_beside=beside)
+
+    def _shape(self, view: str, stamp_ns: int) -> DetectedShape | None:
+        """Returns the shape in the newest image of a view, if it is of about this time."""
+        at_ns, shape = self._shapes.get(view, (0, None))
+        return shape if stamp_ns - at_ns <= MAX_LINE_AGE_S * 1e9 else None
+
+    def _estimate(self, observation: Observation) -> ForceEstimate:
         stamp, settings = observation.stamp_ns, self._settings
         if late := late_frame(stamp, self._stamp_ns):
             return late
         seen: dict[str, ViewShape] = {}
         reasons: dict[str, Abstention] = {}
-        first: DetectedShape | None = None
         advance_m = 0.0
         for view, detection in self._detections.items():
             if view not in observation.views:
-                there = views_text(observation.views) if observation.views else "no view"
-                reasons[view] = Abstention(Status.MISSING_INPUT, f"it has no image of this instant; {there} has one")
+                reasons[view] = Abstention(Status.MISSING_INPUT, "no image of this instant")
                 continue
             found = detection.read(observation)
-            if view == settings.views[0]:
-                first = detection.shape
+            if detection.shape is not None:
+                self._shapes[view] = stamp, detection.shape
             if isinstance(found, Abstention):
                 reasons[view] = found
             else:
                 seen[view], advance_m = ViewShape(found.shape, found.size_px), found.advance_m
+        first = self._shape(settings.views[0], stamp)
         begins = self._filter.constants is None
         if not seen or (begins and settings.views[0] in reasons):
             abstention = next(iter(reasons.values()))
@@ -116,10 +144,13 @@ class SpaceStream:
         elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp
         found = self._filter.step(seen, knob, elapsed_s, advance_m)
+        self._axes_px = found.axes_px
         unfit = too_noisy(settings, found.level) if found.explained else unexplained(settings, found.misfit)
         if unfit:
             return ForceEstimate.invalid(stamp, unfit.status, unfit.detail, first)
-        detail = ""
+        detail = "; ".join(
+            f"{view}: predicted, its last line is {1e3 * age_s:.0f} ms old" for view, age_s in found.late_s.items()
+        )
         if len(found.views) == 1:
             detail = f"from {views_text(found.views)} alone: the depth is known up to its mirror image"
             if len(seen) > 1:
@@ -150,6 +181,11 @@ class Rod3d(Estimator):
     def views(self) -> tuple[str, ...]:
         """The views of the settings."""
         return self.settings.views
+
+    @property
+    def needs_all_views(self) -> bool:
+        """The line of a view that shows no image is predicted, or left out."""
+        return False
 
     @property
     def uses_history(self) -> bool:
