@@ -10,7 +10,7 @@ import pytest
 
 from tipforce.control import ControlSettings
 from tipforce.errors import InputError
-from tipforce.pipelines import ControlSession, bench_of_regime, control, live_bench
+from tipforce.pipelines import ControlSession, bench_of_regime, control, live_bench, verdict
 from tipforce.pipelines._control import _EstimatorFeedback
 from tipforce.simulation import PRESETS
 from tipforce.types import ForceEstimate, Frame, Observation, SessionInfo, Status
@@ -60,6 +60,28 @@ def test_a_folder_with_files_is_left_alone(simulation, tmp_path: Path) -> None:
         run(simulation, tmp_path)
 
 
+def test_a_run_whose_recording_cannot_be_labelled_keeps_its_figures(
+    simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without_tare(writer, events, *_: object) -> None:
+        for event in events:
+            writer.write(event)
+        raise InputError("tare: the tip seems to be in contact")
+
+    monkeypatch.setattr("tipforce.pipelines._control_report.write_run", without_tare)
+    figures = run(simulation, tmp_path / "run")
+    assert figures["rms_n"] < 0.2
+    assert verdict(figures).endswith("The recording has no labels: tare: the tip seems to be in contact.")
+    assert all((tmp_path / "run" / name).exists() for name in FILES)
+
+
+def test_under_xray_the_wall_is_where_the_knob_presses_and_the_rate_is_that_of_the_fluoroscope() -> None:
+    made = bench_of_regime(PRESETS["biplane"], "lateral", 30.0)
+    assert PRESETS["biplane"].world.wall.either_side
+    assert not made.world.wall.either_side
+    assert made.world.clock.fps == PRESETS["biplane"].world.clock.fps
+
+
 def test_the_benchmark_states_the_motion_and_leaves_the_rest() -> None:
     preset = PRESETS["bench-2021"]
     made = bench_of_regime(preset, "lateral", 30.0)
@@ -85,6 +107,7 @@ class Notes:
     """A method that keeps its observations; its frame rate is that of its first view."""
 
     required_actuation = required_metadata = ()
+    needs_all_views = True
 
     def __init__(self, *views: str) -> None:
         self.views, self.seen = views, []

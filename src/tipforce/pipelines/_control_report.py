@@ -90,7 +90,7 @@ def control(
             except InputError as error:
                 if not whole:
                     raise
-                remark = f"the recording has no labels: {error}"  # the run has its figures all the same
+                remark = f"The recording has no labels: {error}."  # the run has its figures all the same
         run = session.finish()
     figures = {"title": title, "settings": run.settings.model_dump(mode="json"), **run.figures(seconds)}
     if remark:
@@ -229,7 +229,7 @@ _STYLE = (
 
 
 def verdict(figures: dict[str, Any]) -> str:
-    """Returns the result in three sentences: the hold, the peak, and the time above the limits."""
+    """Returns the result in three sentences: the hold, the peak, and the time above the limits; then a remark."""
     target = figures["settings"]["target_n"]
     if "rms_n" in figures:
         held = (
@@ -246,6 +246,7 @@ def verdict(figures: dict[str, Any]) -> str:
         f"{held} Peak of the true force: {peak_n:.2f} N ({newtons_to_grams(peak_n):.0f} g). "
         f"{figures['above_limit_s']:.2f} s above {_limit(figures)}{begun}; "
         f"{figures['above_thesis_limit_s']:.2f} s above the thesis's safe limit, {WINDOW_N[1]:g} N."
+        + (f" {figures['remark']}" if "remark" in figures else "")
     )
 
 

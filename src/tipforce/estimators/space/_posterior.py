@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...mechanics.spatial import SpatialShapes
-from ...types import BoolArray, FloatArray, IntArray
+from ...types import FloatArray, IntArray
 from ._cameras import ViewLine, turns
 from ._constants import BEND_Y, BEND_Z, FORCE, GAIN, LEVER, POSITION, SHAPE, STIFFNESS, TURN, errors_of_view
 from ._projection import RATES, residuals
@@ -115,50 +115,14 @@ class Linear:
     tip_axis: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """Shapes of the rod at ``count`` points of the unknowns, and their pose.
-
-    Attributes:
-        nodes: (count, nodes, 3) in the base frame, m.
-        node_slopes: (count, nodes, 3, parameters) derivatives.
-        position: (count, 3) of the base in the reference frame, m.
-        turn: (count, 3, 3) of the base.
-        turn_slopes: (count, 3, 3, 3) derivatives by the angles.
-        stable: (count,) whether there is such a shape, and it is stable.
-    """
-
-    nodes: FloatArray
-    node_slopes: FloatArray
-    position: FloatArray
-    turn: FloatArray
-    turn_slopes: FloatArray
-    stable: BoolArray
-
-
-def _placed(problem: Problem, q: FloatArray, quaternions: FloatArray, parents: IntArray | None) -> _Placed:
+def _parameters(problem: Problem, q: FloatArray) -> FloatArray:
+    """Returns the parameters (count, `SHAPE`) of the rod at points (count, unknowns) of the unknowns."""
     parameters = q[:, :SHAPE].copy()
-    force = np.linalg.norm(q[:, :FORCE], axis=1)
-    lever, knob = problem.lever_per_m_n, problem.gain_per_m_deg * problem.knob_deg
-    parameters[:, BEND_Y] += lever * force * q[:, LEVER]
-    parameters[:, BEND_Z] += lever * force * q[:, LEVER + 1] + knob * (1.0 + q[:, GAIN])
-    possible = problem.shapes.is_possible(parameters)
-    parameters[~possible] = parameters[possible][0] if possible.any() else 0.0
-    nodes, node_slopes, stable = problem.shapes.solve(parameters, quaternions, parents)
-    turn, turn_slopes = turns(q[:, TURN : TURN + 3])
-    position = q[:, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0]
-    return _Placed(nodes, node_slopes, position, turn, turn_slopes, possible & stable)
-
-
-def _residuals(each: Measurement, placed: _Placed) -> tuple[FloatArray, FloatArray]:
-    """Returns the residuals (count, points + 1) of a line, and their derivatives (count, points + 1, `RATES`)."""
-    count, rows = len(placed.nodes), len(each.line.points) + 1
-    residual, slopes = np.empty((count, rows)), np.empty((count, rows, RATES))
-    residuals(
-        placed.nodes, placed.node_slopes, placed.position, placed.turn, placed.turn_slopes, each.camera,
-        each.line.points, each.line.normals, residual, slopes,
-    )  # fmt: skip
-    return residual, slopes
+    lever_per_m = problem.lever_per_m_n * np.linalg.norm(q[:, :FORCE], axis=1)
+    parameters[:, BEND_Y] += lever_per_m * q[:, LEVER]
+    parameters[:, BEND_Z] += lever_per_m * q[:, LEVER + 1]
+    parameters[:, BEND_Z] += problem.gain_per_m_deg * problem.knob_deg * (1.0 + q[:, GAIN])
+    return parameters
 
 
 def force_slopes(problem: Problem, each: Measurement, q: FloatArray, quaternions: FloatArray) -> FloatArray:
@@ -170,7 +134,15 @@ def force_slopes(problem: Problem, each: Measurement, q: FloatArray, quaternions
         q: (unknowns,) a point of the unknowns.
         quaternions: (elements, 4) start of the shape; it is not changed.
     """
-    _, slopes = _residuals(each, _placed(problem, q[None], quaternions[None].copy(), None))
+    nodes, node_slopes, _ = problem.shapes.solve(_parameters(problem, q[None]), quaternions[None].copy())
+    turn, turn_slopes = turns(q[None, TURN : TURN + 3])
+    position = q[None, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0]
+    rows = len(each.line.points) + 1
+    residual, slopes = np.empty((1, rows)), np.empty((1, rows, RATES))
+    residuals(
+        nodes, node_slopes, position, turn, turn_slopes, each.camera, each.line.points, each.line.normals,
+        residual, slopes,
+    )  # fmt: skip
     return slopes[0, :, :FORCE]
 
 
@@ -190,9 +162,15 @@ def linearise(
         The normal equations.
     """
     count, size = q.shape
+    parameters = _parameters(problem, q)
     force = np.linalg.norm(q[:, :FORCE], axis=1)
-    lever, knob = problem.lever_per_m_n, problem.gain_per_m_deg * problem.knob_deg
-    placed = _placed(problem, q, quaternions, parents)
+    lever = problem.lever_per_m_n
+    knob = problem.gain_per_m_deg * problem.knob_deg
+    possible = problem.shapes.is_possible(parameters)
+    parameters[~possible] = parameters[possible][0] if possible.any() else 0.0
+    nodes, node_slopes, stable = problem.shapes.solve(parameters, quaternions, parents)
+    turn, turn_slopes = turns(q[:, TURN : TURN + 3])
+    position = q[:, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0]
     apart = q - problem.mean
     matrix = np.tile(problem.information, (count, 1, 1))
     side = -apart @ problem.information
@@ -200,8 +178,13 @@ def linearise(
     chi2 = np.zeros(count)
     direction = q[:, :FORCE] / np.maximum(force, 1e-9)[:, None]
     for each in problem.measurements:
-        residual, shape_slopes = _residuals(each, placed)
-        slopes = np.zeros((*residual.shape, size))
+        rows = len(each.line.points) + 1
+        residual, shape_slopes = np.empty((count, rows)), np.empty((count, rows, RATES))
+        residuals(
+            nodes, node_slopes, position, turn, turn_slopes, each.camera, each.line.points, each.line.normals,
+            residual, shape_slopes,
+        )  # fmt: skip
+        slopes = np.zeros((count, rows, size))
         slopes[:, :, :RATES] = shape_slopes
         slopes[:, :, GAIN] = knob * shape_slopes[:, :, BEND_Z]
         for k, bend in enumerate((BEND_Y, BEND_Z)):
@@ -223,8 +206,8 @@ def linearise(
     if contact:  # the shapes show force over stiffness: a flat prior of the force would prefer stiff rods
         side[:, STIFFNESS] -= 1.0 / (1.0 + q[:, STIFFNESS])
         cost += np.log1p(q[:, STIFFNESS])
-    cost[~placed.stable] = math.inf
-    axis = placed.nodes[:, -1] - placed.nodes[:, -2]
+    cost[~(possible & stable)] = math.inf
+    axis = nodes[:, -1] - nodes[:, -2]
     return Linear(cost, chi2, matrix, side, axis / np.linalg.norm(axis, axis=1, keepdims=True))
 
 
