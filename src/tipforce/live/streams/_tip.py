@@ -44,7 +44,7 @@ def tip_pose(update: LiveUpdate, info: SessionInfo) -> TipPose | None:
     shape = update.estimate.shape
     if not update.estimate.valid or shape is None or shape.centreline is None or shape.base is None:
         return None
-    view = info.view(next(iter(update.frames), "camera"))
+    view = info.view(next(iter(update.reads or update.frames), "camera"))
     if view.metres_per_px is None or view.projection is not None:
         return None
     points = shape.base.to_base(shape.centreline.points)
