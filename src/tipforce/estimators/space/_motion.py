@@ -20,7 +20,7 @@ MAX_LINE_AGE_S = 0.2
 """A line that is older is not used: its prediction then shows as good as nothing of the force."""
 
 _LATE = 1.5
-"""An image is late after so many times the time between the two before."""
+"""An image is late this number of intervals of its view after the one before."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +112,7 @@ def _same_points(first: ShownLine, second: ShownLine) -> bool:
 
 
 def whitened_with_motion(whiten: FloatArray, slopes: FloatArray, std_n: float) -> FloatArray:
-    """Returns what makes residuals white whose noise also contains the motion by an unknown change of the force.
+    """Returns the whitening matrix of residuals whose noise also contains the motion by an unknown change of the force.
 
     Args:
         whiten: (rows, rows) makes the noise without motion white; zero rows of hidden points stay zero.
