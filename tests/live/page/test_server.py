@@ -222,7 +222,7 @@ def test_views_that_are_exposed_in_turn_keep_their_places_and_their_shapes(
             client.ack(update.number)
     assert values["shapes_beside"]["b"]["axes_px"] == [[1.0, 0.0], [0.0, 0.05], [0.0, -1.0]]
     assert values["shapes_beside"]["b"]["centreline_px"][0] == [40.0, 120.0]
-    assert (values["force_n"], values["component_intervals_n"][2]) == ([-0.1, 0.0, 0.2], [0.18, 0.23])
+    assert (values["force_n"], values["component_intervals_n"][2]) == ([-0.2, 0.0, 0.2], [0.18, 0.23])
 
 
 def test_an_invalid_update_holds_no_number_and_a_notice_no_image(server: PageServer, publisher: Publisher) -> None:

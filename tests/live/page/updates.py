@@ -124,8 +124,8 @@ def estimate_of(
 
 
 def estimate_in_space() -> ForceEstimate:
-    """0.1 N along -x and 0.2 N along z, from the views a and b; b shows x along the image's rows, and z upward."""
-    force = np.array([-0.1, 0.0, 0.2])
+    """0.2 N along -x and along z, from the views a and b; b shows x along the image's rows, and z upward."""
+    force = np.array([-0.2, 0.0, 0.2])
     ends = np.column_stack([force - 0.02, force + 0.03])
     beside = ShapeBeside(shape_along(), np.array([[1.0, 0.0], [0.0, 0.05], [0.0, -1.0]]))
     size = float(np.linalg.norm(force))
