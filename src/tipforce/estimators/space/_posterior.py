@@ -396,7 +396,7 @@ def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
     fits = gap < _MOST_GAP
     if not fits.any():
         return None
-    covariance = np.linalg.inv(matrix[fits])
+    covariance = np.asarray(np.linalg.inv(matrix[fits]), np.float64)
     covariance[:, fixed, fixed] = 0.0
     return Nodes(
         basis, held, float(np.prod(step)), q[fits], cost[fits], _turned(covariance, basis.T),
