@@ -96,6 +96,8 @@ def test_two_views_give_the_force_in_space() -> None:
     outside = np.maximum(contact.force.low_n - true, true - contact.force.high_n)
     assert outside.max() < 0.01, "a 90 % interval may miss, by little"
     assert contact.force.modes == 1
+    along = nodes_m(FORCE_N)[-1] - nodes_m(FORCE_N)[-2]
+    assert contact.tip_axis @ along / np.linalg.norm(along) > 0.999
 
 
 def test_a_view_that_drops_out_widens_the_interval() -> None:

@@ -60,6 +60,8 @@ class ForceEstimate:
             which must act on its upper end; it is never displayed as a force.
         source: the member of a combined method that gave the force; None from a method without members.
         shapes_beside: view -> the catheter in each further view that the method reads.
+        tip_axis: (3,) unit vector along the tip, from base to tip, base frame; None from methods that know the
+            direction of the tip in the image only.
     """
 
     stamp_ns: int
@@ -76,6 +78,7 @@ class ForceEstimate:
     abstained_interval_n: tuple[float, float] = _NO_INTERVAL
     source: StrEnum | None = None
     shapes_beside: Mapping[str, ShapeBeside] = field(default_factory=lambda: MappingProxyType({}))
+    tip_axis: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "force_n", frozen("force_n", self.force_n, (3,)))
@@ -85,6 +88,8 @@ class ForceEstimate:
         object.__setattr__(
             self, "magnitude_interval_n", frozen("magnitude_interval_n", self.magnitude_interval_n, (2,))
         )
+        if self.tip_axis is not None:
+            object.__setattr__(self, "tip_axis", frozen("tip_axis", self.tip_axis, (3,)))
         if self.valid == math.isnan(self.magnitude_n):
             raise ValueError(f"a {self.status} estimate must not have the magnitude {self.magnitude_n}")
         if self.valid and not math.isnan(self.abstained_interval_n[1]):

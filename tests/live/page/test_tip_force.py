@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tipforce.live.server import tip_force
 from tipforce.types import DetectedShape, ForceEstimate, Status
 
-from .updates import estimate_of, shape_along  # type: ignore[import-not-found]
+from .updates import estimate_in_space, estimate_of, shape_along  # type: ignore[import-not-found]
 
 
 @pytest.mark.parametrize(
@@ -71,3 +71,14 @@ def test_without_force_or_direction_there_is_no_answer() -> None:
     assert tip_force(ForceEstimate.invalid(0, Status.NO_CATHETER, "none", shape_along())) is None
     magnitude = replace(estimate_of((-0.2, 0.0), 0.02, shape_along()), known=np.zeros(3, np.bool_))
     assert tip_force(magnitude) is None
+
+
+def test_a_tip_whose_direction_in_space_is_known_has_its_axial_force_along_it() -> None:
+    axis = np.array([0.8, 0.0, 0.6])
+    estimate = replace(estimate_in_space(), force_n=-0.2 * axis, tip_axis=axis)
+    found = tip_force(estimate)
+    assert found is not None
+    assert (found.axial_n, found.lateral_n) == (pytest.approx(0.2), pytest.approx(0.0, abs=1e-12))
+    in_the_image = tip_force(replace(estimate, tip_axis=None))
+    assert in_the_image is not None
+    assert (in_the_image.axial_n, in_the_image.lateral_n) == (pytest.approx(0.16), pytest.approx(0.12))

@@ -59,6 +59,7 @@ class SpaceResult(NamedTuple):
         views: the views that the force is from: one, where the lines of two exclude each other.
         late_s: age in s of the image of those views whose next image is late.
         axes_px: (3, 2) directions of the base frame's axes in the image of each view, see `ShapeBeside`.
+        tip_axis: (3,) unit vector along the tip, base frame.
     """
 
     force: SpaceForce
@@ -68,6 +69,7 @@ class SpaceResult(NamedTuple):
     views: tuple[str, ...]
     late_s: Mapping[str, float]
     axes_px: Mapping[str, FloatArray]
+    tip_axis: FloatArray
 
 
 class _Solution(NamedTuple):
@@ -79,6 +81,14 @@ class _Solution(NamedTuple):
     grids: list[Nodes]
     shares: list[FloatArray]
     measurements: Sequence[Measurement]
+
+    @property
+    def tip_axis(self) -> FloatArray:
+        """Axis of the tip of the most probable shape."""
+        if not self.grids or self.force.contact < 0.5:
+            return self.free.tip_axis
+        best = max(self.grids, key=lambda nodes: float(nodes.log_weight.max()))
+        return best.tip_axis[int(best.log_weight.argmax())]
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +201,7 @@ class SpaceFilter:
                 held=() if len(used) > 1 else DEPTH,
             )
             self._waited_s = 0.0
-        return SpaceResult(force, found.misfit, explained, level, used, late_s, self._axes_px(problem))
+        return SpaceResult(force, found.misfit, explained, level, used, late_s, self._axes_px(problem), found.tip_axis)
 
     def _axes_px(self, problem: Problem) -> dict[str, FloatArray]:
         turn = turns(problem.mean[None, TURN : TURN + 3])[0][0]

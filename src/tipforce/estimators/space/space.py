@@ -157,7 +157,8 @@ class SpaceStream:
                 detail += " (no rod explains the lines of both views)"
             elif reasons:
                 detail += f" ({_texts(reasons)})"
-        return within_error(self._widths.estimate(stamp, found.force, first, detail), settings.max_error_n)
+        estimate = replace(self._widths.estimate(stamp, found.force, first, detail), tip_axis=found.tip_axis)
+        return within_error(estimate, settings.max_error_n)
 
 
 def _texts(reasons: Mapping[str, Abstention]) -> str:

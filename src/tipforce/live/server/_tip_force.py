@@ -33,15 +33,17 @@ class TipForce:
 def tip_force(estimate: ForceEstimate) -> TipForce | None:
     """Splits a force by the direction of the tip; returns None if force or direction is not known.
 
-    A known component perpendicular to the image counts as lateral, because the tip is detected in the image plane only.
+    Where only the detected shape states the direction of the tip, a known component perpendicular to the image counts
+    as lateral.
 
     Args:
-        estimate: an estimate with a detected ``shape``, which states the direction of the tip.
+        estimate: an estimate with the direction of the tip, in space or by its detected ``shape``.
     """
-    shape = estimate.shape
-    if not (estimate.valid and estimate.known[:2].all() and shape is not None and shape.found):
+    if not (estimate.valid and estimate.known[:2].all()):
         return None
-    axis = _tip_axis(shape)
+    axis = estimate.tip_axis
+    if axis is None and estimate.shape is not None and estimate.shape.found:
+        axis = _tip_axis(estimate.shape)
     if axis is None:
         return None
     force = np.where(estimate.known, estimate.force_n, 0.0)
