@@ -5,8 +5,7 @@ of the walk. With the force's magnitude along ``u``, its variance is ``u' C u``.
 group adds the information ``1 / left^2 - 1 / prior^2`` on each of them: the standard deviation that the measurement
 leaves replaces that of the prior. This conditions the Gaussian, as for a Kalman update with a measurement of that
 variance. The contribution of a group is the square root of the variance that goes away. Groups share variance where
-the shape shows only their sum, so that their squares do not add up to the whole. Where the shape shows little of the
-force the posterior is no Gaussian: there a measurement may take away more.
+the shape shows only their sum, so that their squares do not add up to the whole.
 """
 
 import math
