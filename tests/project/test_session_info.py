@@ -79,7 +79,7 @@ FULL = SessionInfo(
         range_n=(3.0, 3.0, 9.0),
         log=ForceLogInfo(**LOG, fx="-Fy", fy="Fx", fz="Fz", status="Status", force_unit="counts", counts_per_n=1000.0),
     ),
-    actuation=ActuationInfo(0.533, "knob", {"knob_deg": 10.0, "wire 1_mm": -0.25}, 0.1, 1.5, LogInfo(**LOG)),
+    actuation=ActuationInfo(0.533, "knob", {"knob_deg": 10.0, "wire 1_mm": -0.25}, 0.1, 1.5, LogInfo(**LOG), 0.012),
     stage=StageInfo(LogInfo(**LOG), "camera"),
     bag=BagInfo(
         views={"camera": "/image"},
