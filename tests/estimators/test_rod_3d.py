@@ -10,10 +10,11 @@ from tipforce.estimators import create
 from tipforce.estimators._session_detection import DetectedLine
 from tipforce.estimators.space import Rod3d, SpaceSettings
 from tipforce.estimators.space._cameras import Reference, ViewLine, base_axes_px, turns
-from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, SHAPE, Constants
+from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, SHAPE, Constants, errors_of_view
 from tipforce.estimators.space._filter import SpaceFilter, SpaceResult, ViewShape, rod_of
 from tipforce.estimators.space._motion import MAX_LINE_AGE_S, LineMemory, ShownLine, whitened_with_motion
 from tipforce.estimators.space._posterior import linearise
+from tipforce.estimators.space._view_pose import POSE_ERRORS, probability_of
 from tipforce.estimators.space._widths import SpaceWidths
 from tipforce.estimators.space.space import SpaceStream
 from tipforce.mechanics import SpatialRod, solve_static_spatial
@@ -52,6 +53,16 @@ INFO = SessionInfo(
 )
 
 
+def with_pose(std_deg: float, std_m: float, off_deg: float = 0.0, off_m: float = 0.0) -> SessionInfo:
+    """The metadata with a pose of the second view that is wrong, and its stated standard uncertainties."""
+    view, wrong = INFO.view("b"), np.eye(4)
+    wrong[:3, :3] = turns(np.radians([[off_deg, -off_deg, off_deg]]))[0][0]
+    wrong[:3, 3] = [off_m, off_m, -off_m]
+    u, v, w = (tuple(map(float, row)) for row in np.array(view.projection) @ wrong)
+    stated = replace(view, projection=(u, v, w), pose_uncertainty_deg=(std_deg,) * 3, pose_uncertainty_m=(std_m,) * 3)
+    return replace(INFO, views={"a": INFO.view("a"), "b": stated})
+
+
 def nodes_m(force_n: FloatArray) -> FloatArray:
     """The true curve in the frame of the projections; the base is 60 mm left of the origin."""
     bend = np.array([0.0, 1.5, GAIN * KNOB_DEG])
@@ -70,10 +81,15 @@ def seen(force_n: FloatArray, rng: np.random.Generator, views: tuple[str, ...] =
 
 
 def session(
-    views: tuple[str, ...], forces_n: list[FloatArray], shown: list[tuple[str, ...]], step_s: float = 0.07
+    views: tuple[str, ...],
+    forces_n: list[FloatArray],
+    shown: list[tuple[str, ...]],
+    step_s: float = 0.07,
+    info: SessionInfo = INFO,
 ) -> list[SpaceResult]:
+    """The lines are those of the views of `INFO`; ``info`` may state other ones."""
     rng = np.random.default_rng(3)
-    model = SpaceFilter(SpaceSettings(views=views), 0.5, INFO)
+    model = SpaceFilter(SpaceSettings(views=views), 0.5, info)
     return [
         model.step(seen(force, rng, each), KNOB_DEG, step_s if k else 0.0, 0.0)
         for k, (force, each) in enumerate(zip(forces_n, shown, strict=True))
@@ -160,6 +176,60 @@ def test_the_directions_of_the_base_frame_in_an_image() -> None:
     assert np.allclose(across, [[1.0, 0.0], [0.0, -cos], [0.0, -sin]], atol=1e-3)
 
 
+def test_a_pose_that_is_wrong_within_its_stated_uncertainty_keeps_the_interval_honest() -> None:
+    forces, shown = [np.zeros(3)] * 4 + [FORCE_N], [("a", "b")] * 5
+    exact, tight, wide = (
+        session(("a", "b"), forces, shown, info=info)[-1]
+        for info in (INFO, with_pose(0.5, 0.5e-3), with_pose(2.0, 2e-3, off_deg=2.0, off_m=2e-3))
+    )
+    for found in (exact, tight, wide):
+        assert found.explained
+        assert len(found.views) == 2
+        assert found.force.low_n[2] - 5e-3 <= FORCE_N[2] <= found.force.high_n[2] + 5e-3
+    assert width_n(exact)[2] < width_n(tight)[2] < width_n(wide)[2]
+
+
+def test_a_distance_that_is_not_well_known_widens_the_scale_of_the_first_view() -> None:
+    view = replace(INFO.view("a"), pose_uncertainty_m=(0.0, 0.0, 20e-3), metres_per_px_uncertainty=0.05)
+    info = replace(INFO, views={"a": view, "b": replace(INFO.view("b"), metres_per_px_uncertainty=0.04)})
+    constants = Constants(SpaceSettings(), info, ("a", "b"), KNOB_DEG, several=True)
+    scales = [float(np.sqrt(constants.covariance.diagonal()[errors_of_view(place)][2])) for place in range(2)]
+    assert scales == pytest.approx([0.05, 0.04], rel=0.01)
+    both = replace(view, metres_per_px_uncertainty=None)
+    constants = Constants(SpaceSettings(), replace(INFO, views={"a": both}), ("a",), KNOB_DEG, several=False)
+    assert np.sqrt(constants.covariance.diagonal()[errors_of_view(0)][2]) == pytest.approx(20e-3 / 0.72, rel=0.01)
+
+
+@pytest.mark.parametrize(("off_deg", "std_deg"), [(10.0, 0.05), (20.0, 0.0)], ids=["stated", "not stated"])
+def test_a_pose_that_contradicts_the_lines_is_reported(
+    off_deg: float, std_deg: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    info = with_pose(std_deg, 1e-3 * std_deg, off_deg=off_deg, off_m=1e-3 * off_deg)
+    stream = create("rod-3d").for_views(("a", "b")).start(info)
+    assert isinstance(stream, SpaceStream)
+    rng, image = np.random.default_rng(3), np.zeros((512, 512), np.uint8)
+    detail = ""
+    for k in range(4 if std_deg else 3):
+        for view, each in seen(np.zeros(3), rng).items():
+            line = DetectedLine(each.shape, each.shape.centreline, SIZE, "left", 0.25e-3, 0.0)  # type: ignore[arg-type]
+            monkeypatch.setattr(stream._detections[view], "read", lambda _, line=line: line)
+        observation = Observation(k * 1_500_000_000, {"a": image, "b": image}, {"knob_deg": KNOB_DEG})
+        detail = stream.update(observation).detail
+    assert "`tipforce calibrate RECORDING --views`" in detail
+    if std_deg:
+        assert "from the view a alone" in detail
+        assert "the lines of a and b contradict the stated pose of b" in detail
+    else:
+        assert "views.b.projection is" in detail
+
+
+def test_the_probability_of_a_pose_counts_only_what_the_lines_show() -> None:
+    shown = np.diag([0.1, 0.2, 1.0, 1.0, 1.0, 1.0])
+    assert probability_of(np.array([0.0, 0.0, 9.0, 9.0, 9.0, 9.0]), shown) == 1.0
+    assert probability_of(np.array([5.0, 0.0, 0.0, 0.0, 0.0, 0.0]), shown) < 1e-5
+    assert probability_of(np.array([9.0, 0.0, 0.0, 0.0, 0.0, 0.0]), np.eye(6)) == 1.0
+
+
 def test_a_wrong_line_in_one_view_is_left_out() -> None:
     rng = np.random.default_rng(3)
     model = SpaceFilter(SpaceSettings(views=("a", "b")), 0.5, INFO)
@@ -185,8 +255,9 @@ def test_one_view_keeps_both_mirror_images_of_the_depth() -> None:
     assert contact.force.low_n[1] <= force_n[1] <= contact.force.high_n[1] + 0.01
 
 
-def test_derivatives_of_the_residuals_are_those_of_differences() -> None:
-    model = SpaceFilter(SpaceSettings(views=("a", "b")), 0.5, INFO)
+@pytest.mark.parametrize("info", [INFO, with_pose(2.0, 2e-3)], ids=["exact pose", "unsure pose"])
+def test_derivatives_of_the_residuals_are_those_of_differences(info: SessionInfo) -> None:
+    model = SpaceFilter(SpaceSettings(views=("a", "b")), 0.5, info)
     shapes = seen(FORCE_N, np.random.default_rng(0))
     model.step(shapes, KNOB_DEG, 0.0, 0.0)
     lines = {
@@ -194,10 +265,12 @@ def test_derivatives_of_the_residuals_are_those_of_differences() -> None:
         for view, each in shapes.items()
         if each.shape.centreline
     }
-    cameras = {view: np.array(INFO.view(view).projection) for view in lines}
+    cameras = {view: np.array(info.view(view).projection) for view in lines}
     problem = model._problem(lines, cameras, 0.0)
     here = problem.mean.copy()
     here[:3] = FORCE_N
+    if info is not INFO:
+        here[-POSE_ERRORS:] = [0.8, -0.6, 0.4, -0.5, 0.7, -0.9]
     steps = np.full(here.size, 1e-4)
     steps[SHAPE - 1], steps[SHAPE : SHAPE + 3] = 1e-7, 1e-7
     quaternions = model._shapes.unloaded(1)

@@ -89,6 +89,15 @@ def toward_viewer(camera: FloatArray, point_m: FloatArray) -> FloatArray:
     return direction / np.linalg.norm(direction)
 
 
+def axes_of_image(camera: FloatArray) -> FloatArray:
+    """Returns the image's right, its down and the viewing direction in columns (3, 3), at the origin."""
+    ahead = -toward_viewer(camera, np.zeros(3))
+    right = _gradients(camera, np.zeros(3))[0]
+    right -= (right @ ahead) * ahead
+    right /= np.linalg.norm(right)
+    return np.asarray(np.column_stack([right, np.cross(ahead, right), ahead]), np.float64)
+
+
 def _meeting_point(cameras: Sequence[FloatArray], pixels: Sequence[FloatArray]) -> tuple[FloatArray, float]:
     """Returns the point (3,) that is shown nearest to one pixel of each view, and its misfit in px."""
     rows, sides = [np.eye(3) * _NEAR_ORIGIN], [np.zeros(3)]

@@ -9,6 +9,7 @@ from ...mechanics.spatial import PARAMETERS
 from ...types import FloatArray, SessionInfo
 from ..rod import MODES, knob_gain_std
 from ._settings import SpaceSettings
+from ._view_pose import POSE_ERRORS
 
 FORCE = 3
 BEND_Y, BEND_Z, STIFFNESS = 3, 4, 5
@@ -38,13 +39,20 @@ class Constants:
         settings: the settings.
         info: the session metadata.
         views: names of the views.
-        contact_share: share of frames in contact.
-        several: whether the first instant showed more than one view: then the base's direction is known there.
         knob_deg: first reading of the knob; NaN: not known.
+        several: whether the first instant showed more than one view: then the base's direction is known there.
+        open_pose: whether the error of the second view's pose is unknown, too; its unknowns are the last ones.
     """
 
     def __init__(
-        self, settings: SpaceSettings, info: SessionInfo, views: Sequence[str], knob_deg: float, *, several: bool
+        self,
+        settings: SpaceSettings,
+        info: SessionInfo,
+        views: Sequence[str],
+        knob_deg: float,
+        *,
+        several: bool,
+        open_pose: bool = False,
     ) -> None:
         prior, actuation = settings.prior, info.actuation
         self._settings = settings
@@ -53,7 +61,7 @@ class Constants:
         self.gain_per_m_deg = gain if gain is not None and known else 0.0
         self.knob_deg = knob_deg if known else 0.0
         self._play_deg = prior.knob_play_deg if actuation.knob_play_deg is None else actuation.knob_play_deg
-        count = FIRST_VIEW + len(views) * PER_VIEW
+        count = FIRST_VIEW + len(views) * PER_VIEW + (POSE_ERRORS if open_pose else 0)
         self.mean, std = np.zeros(count), np.ones(count)
         self.mean[BEND_Z] = (actuation.knob_offset_per_m or 0.0) if known else 0.0
         self.mean[SHAPE - 1] = prior.stiffening_m2
@@ -76,7 +84,7 @@ class Constants:
         std[TURN : TURN + 3] = np.radians([roll_deg, tilt_deg, prior.base_angle_deg])
         std[GAIN] = knob_gain_std(prior, actuation)
         for place, view in enumerate(views):
-            std[errors_of_view(place)][:VIEW_ERRORS] = _view_stds(settings, info, view)
+            std[errors_of_view(place)][:VIEW_ERRORS] = _view_stds(settings, info, view, first=place == 0)
         self.covariance = np.diag(std**2)
 
     def predict(self, elapsed_s: float, knob_deg: float) -> None:
@@ -130,14 +138,25 @@ class Constants:
         self.mean, self.covariance = mean, covariance
 
 
-def _view_stds(settings: SpaceSettings, info: SessionInfo, view: str) -> FloatArray:
-    """Returns the standard deviations (`VIEW_ERRORS`,) of the errors of a projection: px, then relative."""
+def _view_stds(settings: SpaceSettings, info: SessionInfo, view: str, *, first: bool) -> FloatArray:
+    """Returns the standard deviations (`VIEW_ERRORS`,) of the errors of a projection: px, then relative.
+
+    The distance of the second view is an unknown of its pose. That of the first one is part of its scale.
+    """
     prior, stated = settings.prior, info.view(view)
     shift, stretch = prior.view_shift_px, prior.view_stretch
-    scale = stretch
+    scale = stated.metres_per_px_uncertainty
     if stated.projection is None:
-        scale = prior.view_scale if stated.metres_per_px_uncertainty is None else stated.metres_per_px_uncertainty
-    return np.array([shift, shift, scale, stretch, stretch, stretch])
+        scale = prior.view_scale if scale is None else scale
+        return np.array([shift, shift, scale, stretch, stretch, stretch])
+    projection = np.array(stated.projection, np.float64)
+    by_distance = 0.0
+    if stated.pose_uncertainty_m is not None:
+        by_distance = stated.pose_uncertainty_m[2] * float(np.linalg.norm(projection[2, :3])) / abs(projection[2, 3])
+    scale = by_distance if scale is None else max(scale, by_distance)
+    if not first:
+        scale = math.sqrt(scale**2 - by_distance**2)
+    return np.array([shift, shift, math.hypot(stretch, scale), stretch, stretch, stretch])
 
 
 def error_slopes(points: FloatArray, normals: FloatArray, middle_px: FloatArray, modes: FloatArray) -> FloatArray:

@@ -21,6 +21,7 @@ from ._mixture import SpaceForce, mixed_constants, mixed_force
 from ._motion import LineMemory, ShownLine, whitened_with_motion
 from ._posterior import Fit, Measurement, Nodes, Problem, fit, force_slopes, lay_grid
 from ._settings import SpaceSettings
+from ._view_pose import POSE_ERRORS, PoseError, PosePrior, probability_of
 
 _LEAST_SHARE = 1e-6
 """No hypothesis is ever given up."""
@@ -35,6 +36,10 @@ _USUAL_MISFIT_RATIO = 1.0 / 3.0
 sessions with twice the stated noise have 0.5 at a level of 2.5."""
 _CONFLICT = 2.0
 """Two lines whose common misfit is larger than this times the limit exclude each other: one is read alone."""
+_EXCLUDED_S = 2.0
+"""Where no rod explains the lines of both views for so long, this is no mistake in one image."""
+_LEAST_POSE_PROBABILITY = 1e-6
+"""Two views are not read together where an error of the stated pose as large as found is less probable than this."""
 _WORSE = 2.0
 """A fit with a force whose cost is higher than without one by more than this is in a local minimum."""
 _APART = 1.0
@@ -60,6 +65,8 @@ class SpaceResult(NamedTuple):
         late_s: age in s of the image of those views whose next image is late.
         axes_px: (3, 2) directions of the base frame's axes in the image of each view, see `ShapeBeside`.
         tip_axis: (3,) unit vector along the tip, base frame.
+        pose_is_wrong: whether the lines contradict the stated pose of the second view; it is not read then.
+        excluded: whether no rod has explained the lines of both views for `_EXCLUDED_S`.
     """
 
     force: SpaceForce
@@ -70,6 +77,8 @@ class SpaceResult(NamedTuple):
     late_s: Mapping[str, float]
     axes_px: Mapping[str, FloatArray]
     tip_axis: FloatArray
+    pose_is_wrong: bool
+    excluded: bool
 
 
 class _Solution(NamedTuple):
@@ -93,9 +102,16 @@ class _Solution(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """Values that are fixed at the start of a session: frame of the base, and the noise's modes of each view."""
+    """Values that are fixed at the start of a session.
+
+    Attributes:
+        reference: frame of the base.
+        pose: error of the second view's pose; None: the pose counts as exact.
+        modes_px: the noise's modes of each view.
+    """
 
     reference: Reference
+    pose: PoseError | None
     modes_px: dict[str, FloatArray]
 
 
@@ -141,11 +157,13 @@ class SpaceFilter:
         stiffness = self._shapes.rod.bending_stiffness_nm2
         self._lever_per_m_n = settings.prior.friction * 0.5 * diameter / stiffness
         self._level = NoiseLevel(settings.noise)
+        self._pose_prior = PosePrior.of(info, settings.views)
+        self._pose_is_wrong = False
         self._begun_factor = 1.0
         self.constants: Constants | None = None
         self._start: _Start | None = None
         self._share = contact_share
-        self._waited_s, self._lost_s = math.inf, 0.0
+        self._waited_s, self._lost_s, self._excluded_s = math.inf, 0.0, 0.0
         self._lines, self._begun_with = LineMemory(), 0
         self._last: dict[str, tuple[FloatArray, FloatArray]] = {}
 
@@ -166,6 +184,9 @@ class SpaceFilter:
             if each.shape.centreline
         }
         lines = self._lines.at_next(elapsed_s, shown)
+        first = self._settings.views[0]
+        if self._pose_is_wrong and first in lines:
+            lines = {first: lines[first]}
         cameras = {view: camera_of(self._info, view, each.size_px) for view, each in lines.items()}
         # where the first line of the second view comes later it shows the base in space
         if self.constants is None or self._lost_s > self._settings.gap_s or len(lines) > self._begun_with:
@@ -181,6 +202,9 @@ class SpaceFilter:
             parts = (replace(problem, measurements=[each]) for each in problem.measurements if not each.age_s)
             alone = (self._solve(part, log_odds) for part in parts)
             found = next((each for each in alone if self._explained(each)), found)
+        if len(lines) > 1:
+            together = len(found.measurements) > 1 and self._explained(found)
+            self._excluded_s = 0.0 if together else self._excluded_s + elapsed_s
         force, explained, level = found.force, self._explained(found), self._level.factor
         if explained:
             self._lost_s = 0.0
@@ -193,7 +217,7 @@ class SpaceFilter:
         clear = abs(force.contact - float(contact)) < _UNCLEAR and (contact or found.free.ok)
         used = tuple(self._settings.views[each.place] for each in found.measurements)
         late_s = {view: lines[view].age_s for view in used if lines[view].overdue}
-        teaches = len(used) > 1 or self._settings.views[0] in used
+        teaches = len(used) > 1 or first in used
         if explained and clear and teaches and self._waited_s >= self._settings.update_s:
             # one view alone would teach the depth in one of its two mirror images
             self.constants.learn(
@@ -201,7 +225,19 @@ class SpaceFilter:
                 held=() if len(used) > 1 else DEPTH,
             )
             self._waited_s = 0.0
-        return SpaceResult(force, found.misfit, explained, level, used, late_s, self._axes_px(problem), found.tip_axis)
+            if len(used) > 1 and self._improbable_pose():  # the next instant begins the session again, in one view
+                self._pose_is_wrong, self._lost_s = True, math.inf
+        return SpaceResult(
+            force, found.misfit, explained, level, used, late_s, self._axes_px(problem), found.tip_axis,
+            self._pose_is_wrong, self._excluded_s > _EXCLUDED_S,
+        )  # fmt: skip
+
+    def _improbable_pose(self) -> bool:
+        """Whether the constants have a pose of the second view that its stated uncertainty excludes."""
+        if self.constants is None or self._pose_prior is None:
+            return False
+        own = slice(-POSE_ERRORS, None)
+        return probability_of(self.constants.mean[own], self.constants.covariance[own, own]) < _LEAST_POSE_PROBABILITY
 
     def _axes_px(self, problem: Problem) -> dict[str, FloatArray]:
         turn = turns(problem.mean[None, TURN : TURN + 3])[0][0]
@@ -226,7 +262,10 @@ class SpaceFilter:
     ) -> None:
         """Starts the session at an instant: frame of the base, priors of the constants."""
         views = self._settings.views
-        self.constants = Constants(self._settings, self._info, views, knob_deg, several=len(lines) > 1)
+        prior = self._pose_prior
+        self.constants = Constants(
+            self._settings, self._info, views, knob_deg, several=len(lines) > 1, open_pose=prior is not None
+        )
         order = [view for view in views if view in lines]
         size_px = lines[order[0]].size_px
         viewer = toward_viewer(camera_of(self._info, views[0], size_px), np.zeros(3))
@@ -235,7 +274,7 @@ class SpaceFilter:
         )
         reference = replace(reference, origin_m=reference.origin_m - advance_m * reference.axes[:, 0])
         self._begun_factor, self._begun_with = self._level.factor, len(lines)
-        self._start = _Start(reference, {})
+        self._start = _Start(reference, PoseError(prior, reference) if prior else None, {})
         self._share, self._waited_s, self._lost_s, self._last = self._contact_share, math.inf, 0.0, {}
 
     def _problem(
@@ -266,7 +305,8 @@ class SpaceFilter:
             middle = 0.5 * (np.array(shown.size_px) - 1.0)
             slopes = error_slopes(line.points, line.normals, middle, error.modes * unit_px)
             whiten = error.whiten / (unit_px * shown.noise_factor)
-            measurement = Measurement(place, line, camera, whiten, slopes, error.rows, shown.age_s)
+            pose = self._start.pose if place else None
+            measurement = Measurement(place, line, camera, whiten, slopes, error.rows, shown.age_s, pose)
             if shown.age_s:
                 q, shape = self._last.get("touch") or self._last.get("free") or (
                     problem.mean, self._shapes.unloaded(1)[0],

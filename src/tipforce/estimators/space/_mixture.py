@@ -127,7 +127,9 @@ def _ends(values: FloatArray, shares: FloatArray) -> tuple[float, float]:
 def _widen_by_profile(grids: Sequence[Nodes], free: Fit, largest_n: float, low: FloatArray, high: FloatArray) -> None:
     """Widens the intervals to all forces that explain the lines nearly as well as the best one (profile likelihood).
 
-    Where the shape shows nothing of a force the prior alone would decide, in favour of no contact.
+    Where the shape shows nothing of a force the prior alone would decide, in favour of no contact. Where a grid ends on
+    a push that explains the lines, because the rod alone would buckle under more, larger pushes are not excluded: a
+    tissue that holds the tip may carry them.
     """
     best = min([free.cost if free.ok else math.inf, *(float(nodes.cost.min()) for nodes in grids)])
     if free.ok and free.cost <= best + _PROFILE:
@@ -138,14 +140,18 @@ def _widen_by_profile(grids: Sequence[Nodes], free: Fit, largest_n: float, low: 
         reach = np.sqrt(2.0 * np.maximum(left, 0.0))[:, None] * np.sqrt(np.einsum("pkk->pk", covariance))
         force = nodes.q[:, :FORCE]
         size = np.linalg.norm(force, axis=1)
-        pushes = np.einsum("pk,pk->p", force, nodes.tip_axis) < 0.0
-        use = (left >= 0.0) & pushes & (size <= largest_n)
+        pushes = (np.einsum("pk,pk->p", force, nodes.tip_axis) < 0.0) & (size <= largest_n)
+        use = pushes & (left >= 0.0)
         if use.any():
             direction = force / np.maximum(size, 1e-9)[:, None]
             out = np.sqrt(np.einsum("pa,pab,pb->p", direction, covariance, direction) * 2.0 * np.maximum(left, 0.0))
             below = np.column_stack([force - reach, np.maximum(size - out, 0.0)])[use]
             above = np.column_stack([force + reach, size + out])[use]
             low[:], high[:] = np.minimum(low, below.min(axis=0)), np.maximum(high, above.max(axis=0))
+            last = int(np.argmax(np.where(pushes, size, -1.0)))
+            if use[last] and size[last] + nodes.spacing ** (1.0 / nodes.held) < largest_n:
+                end = np.append(direction[last] * largest_n, largest_n)
+                low[:], high[:] = np.minimum(low, end), np.maximum(high, end)
 
 
 def mixed_constants(

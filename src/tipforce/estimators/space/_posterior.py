@@ -16,6 +16,7 @@ from ...types import FloatArray, IntArray
 from ._cameras import ViewLine, turns
 from ._constants import BEND_Y, BEND_Z, FORCE, GAIN, LEVER, POSITION, SHAPE, STIFFNESS, TURN, errors_of_view
 from ._projection import RATES, residuals
+from ._view_pose import POSE_ERRORS, PlacedRod, PoseError
 
 _START_N = 0.3
 """Standard deviation of each component of the force in the fit from which the grid is laid out."""
@@ -53,6 +54,7 @@ class Measurement:
         error_slopes: (points + 1, errors) derivatives of the residuals by the errors of the view.
         rows: number of measurements.
         age_s: time since the image of the line; 0: it shows this instant.
+        pose: error of the view's pose, whose unknowns are the last ones; None: the pose is exact.
     """
 
     place: int
@@ -62,6 +64,7 @@ class Measurement:
     error_slopes: FloatArray
     rows: int
     age_s: float = 0.0
+    pose: PoseError | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +173,7 @@ def linearise(
     parameters[~possible] = parameters[possible][0] if possible.any() else 0.0
     nodes, node_slopes, stable = problem.shapes.solve(parameters, quaternions, parents)
     turn, turn_slopes = turns(q[:, TURN : TURN + 3])
-    position = q[:, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0]
+    rod = PlacedRod(q[:, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0], turn, turn_slopes)
     apart = q - problem.mean
     matrix = np.tile(problem.information, (count, 1, 1))
     side = -apart @ problem.information
@@ -179,12 +182,20 @@ def linearise(
     direction = q[:, :FORCE] / np.maximum(force, 1e-9)[:, None]
     for each in problem.measurements:
         rows = len(each.line.points) + 1
-        residual, shape_slopes = np.empty((count, rows)), np.empty((count, rows, RATES))
+        seen, moved = (rod, None) if each.pose is None else each.pose.seen(q[:, -POSE_ERRORS:], rod)
+        residual, shape_slopes = np.empty((count, rows)), np.empty((count, rows, TURN + seen.turn_slopes.shape[1]))
         residuals(
-            nodes, node_slopes, position, turn, turn_slopes, each.camera, each.line.points, each.line.normals,
-            residual, shape_slopes,
+            nodes, node_slopes, seen.position, seen.turn, seen.turn_slopes, each.camera, each.line.points,
+            each.line.normals, residual, shape_slopes,
         )  # fmt: skip
         slopes = np.zeros((count, rows, size))
+        if moved is not None:
+            by_position = shape_slopes[:, :, POSITION:TURN] @ moved.transpose(0, 2, 1)
+            slopes[:, :, -POSE_ERRORS:] = by_position[:, :, :POSE_ERRORS]
+            slopes[:, :, -POSE_ERRORS : size - 3] += shape_slopes[:, :, RATES:]
+            shape_slopes = np.concatenate(
+                [shape_slopes[:, :, :POSITION], by_position[:, :, POSE_ERRORS:], shape_slopes[:, :, TURN:RATES]], axis=2
+            )
         slopes[:, :, :RATES] = shape_slopes
         slopes[:, :, GAIN] = knob * shape_slopes[:, :, BEND_Z]
         for k, bend in enumerate((BEND_Y, BEND_Z)):

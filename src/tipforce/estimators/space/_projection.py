@@ -8,7 +8,8 @@ from ...types import FloatArray
 from ._compile import compiled
 
 RATES = 15
-"""Derivatives of a residual: by the 9 parameters of the shape, then by position and turn of the base."""
+"""Derivatives of a residual: by the 9 parameters of the shape, then by position and turn of the base. More of the turn
+may follow."""
 _SHAPE, _POSITION, _TURN = 9, 9, 12
 _LEAST_ADVANCE = 0.2
 """Smallest cosine of the angle between model and detected line with which a point slides along the model."""
@@ -87,12 +88,12 @@ def residuals(
         node_slopes: (shapes, nodes, 3, 9) derivatives by the parameters of the shape.
         position: (shapes, 3) of the base in the reference frame, m.
         turn: (shapes, 3, 3) of the base.
-        turn_slopes: (shapes, 3, 3, 3) its derivatives by the three angles.
+        turn_slopes: (shapes, turns, 3, 3) its derivatives, by the three angles first.
         camera: (3, 4) from the reference frame to pixels.
         points: (points, 2) of the detected line in px, base to tip.
         normals: (points, 2) unit normals of the detected line, the tangent turned from u to v.
         residual: (shapes, points + 1) in px, written.
-        slopes: (shapes, points + 1, `RATES`) its derivatives, written.
+        slopes: (shapes, points + 1, 12 + turns) its derivatives, written; those of the turn with the base in place.
     """
     count, points_count = nodes.shape[1], points.shape[0]
     for p in range(nodes.shape[0]):
@@ -139,7 +140,7 @@ def residuals(
                 residual[p, i] = normal_u * off_u + normal_v * off_v
             for a in range(3):
                 slopes[p, i, _POSITION + a] = weight_u * slope[0, a] + weight_v * slope[1, a]
-            for r in range(3):
+            for r in range(turn_slopes.shape[1]):
                 total = 0.0
                 for a in range(3):
                     moved = 0.0

@@ -36,7 +36,7 @@ from .._reading import Abstention
 from .._session_detection import SessionDetection
 from .._session_metadata import UninformedStream
 from ..rod import actuation_out_of_range, late_frame, too_noisy, unexplained, without_widths
-from ._filter import SpaceFilter, ViewShape
+from ._filter import SpaceFilter, SpaceResult, ViewShape
 from ._motion import MAX_LINE_AGE_S
 from ._settings import SpaceSettings
 from ._widths import SpaceWidths, calibrated_widths
@@ -147,14 +147,17 @@ class SpaceStream:
         self._axes_px = found.axes_px
         unfit = too_noisy(settings, found.level) if found.explained else unexplained(settings, found.misfit)
         if unfit:
-            return ForceEstimate.invalid(stamp, unfit.status, unfit.detail, first)
+            detail = unfit.detail
+            if len(seen) > 1 and found.excluded:
+                detail += f" ({_conflict(found, settings.views)})"
+            return ForceEstimate.invalid(stamp, unfit.status, detail, first)
         detail = "; ".join(
             f"{view}: predicted, its last line is {1e3 * age_s:.0f} ms old" for view, age_s in found.late_s.items()
         )
         if len(found.views) == 1:
             detail = f"from {views_text(found.views)} alone: the depth is known up to its mirror image"
-            if len(seen) > 1:
-                detail += " (no rod explains the lines of both views)"
+            if found.pose_is_wrong or len(seen) > 1:
+                detail += f" ({_conflict(found, settings.views)})"
             elif reasons:
                 detail += f" ({_texts(reasons)})"
         estimate = replace(self._widths.estimate(stamp, found.force, first, detail), tip_axis=found.tip_axis)
@@ -163,6 +166,23 @@ class SpaceStream:
 
 def _texts(reasons: Mapping[str, Abstention]) -> str:
     return "; ".join(f"{view}: {each.detail}" for view, each in reasons.items())
+
+
+def _conflict(found: SpaceResult, views: tuple[str, ...]) -> str:
+    """Returns why the lines of two views are not read together, and what mends it."""
+    first, second = views
+    if found.pose_is_wrong:
+        return (
+            f"the lines of {first} and {second} contradict the stated pose of {second} by far more than "
+            f"views.{second}.pose_uncertainty_deg and pose_uncertainty_m: find the pose with "
+            "`tipforce calibrate RECORDING --views`"
+        )
+    if found.excluded:
+        return (
+            "no rod explains the lines of both views: one line is wrong, see `tipforce inspect`, or "
+            f"views.{second}.projection is: find the pose with `tipforce calibrate RECORDING --views`"
+        )
+    return "no rod explains the lines of both views"
 
 
 class Rod3d(Estimator):
