@@ -8,6 +8,7 @@ image at best: its interval then contains both.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -33,7 +34,7 @@ from .._base import Estimator, Progress, Stream, no_progress
 from .._builder import within_error
 from .._facts import ModelFacts, ModelSummary
 from .._reading import Abstention
-from .._session_detection import SessionDetection
+from .._session_detection import DetectedLine, SessionDetection
 from .._session_metadata import UninformedStream
 from ..rod import actuation_out_of_range, late_frame, too_noisy, unexplained, without_widths
 from ._filter import SpaceFilter, SpaceResult, ViewShape
@@ -91,6 +92,7 @@ class SpaceStream:
             for place, view in enumerate(settings.views)
         }
         self._info = info
+        self._pool = ThreadPoolExecutor(len(settings.views), thread_name_prefix="detection")
         self._filter = SpaceFilter(settings, fitted.contact_share, info)
         self._stamp_ns: int | None = None
         self._shapes: dict[str, tuple[int, DetectedShape]] = {}
@@ -112,6 +114,14 @@ class SpaceStream:
         at_ns, shape = self._shapes.get(view, (0, None))
         return shape if stamp_ns - at_ns <= MAX_LINE_AGE_S * 1e9 else None
 
+    def _detected(self, observation: Observation) -> dict[str, DetectedLine | Abstention]:
+        """Detects the catheter in the images of an observation, in several at the same time."""
+        there = [view for view in self._detections if view in observation.views]
+        if len(there) == 1:  # no thread is needed
+            return {there[0]: self._detections[there[0]].read(observation)}
+        found = self._pool.map(lambda view: self._detections[view].read(observation), there)
+        return dict(zip(there, found, strict=True))
+
     def _estimate(self, observation: Observation) -> ForceEstimate:
         stamp, settings = observation.stamp_ns, self._settings
         if late := late_frame(stamp, self._stamp_ns):
@@ -119,11 +129,12 @@ class SpaceStream:
         seen: dict[str, ViewShape] = {}
         reasons: dict[str, Abstention] = {}
         advance_m = 0.0
+        detected = self._detected(observation)
         for view, detection in self._detections.items():
-            if view not in observation.views:
+            if view not in detected:
                 reasons[view] = Abstention(Status.MISSING_INPUT, "no image of this instant")
                 continue
-            found = detection.read(observation)
+            found = detected[view]
             if detection.shape is not None:
                 self._shapes[view] = stamp, detection.shape
             if isinstance(found, Abstention):
