@@ -21,8 +21,15 @@ import numpy as np
 from bench.studies.session_posterior import Lines, frame_of
 from numba import njit
 
-from tipforce.estimators.rod import POINTS, Knowledge, NoiseSettings, rod_model
-from tipforce.estimators.session import SessionFilter, SessionPriors, SessionSettings
+from tipforce.estimators.session import (
+    POINTS,
+    Knowledge,
+    NoiseSettings,
+    PriorSettings,
+    RodTrackSettings,
+    SessionFilter,
+    rod_model,
+)  # fmt: skip
 from tipforce.estimators.session._state import COUNT, GAIN, K0, SessionState, fill_camera_modes
 from tipforce.estimators.session._walk import Scratch, Session, make_scratch, predict
 from tipforce.mechanics.planar import FORCE, UNKNOWNS, Line, make_work
@@ -32,8 +39,8 @@ EI = UNKNOWNS.index("stiffness")
 SHARED = COUNT - FORCE - 1
 """Number of unknowns that all frames share: all but the force and the lever."""
 PER_FRAME = 3
-SETTINGS = SessionSettings(
-    prior=SessionPriors(creep=0.0, creep_std=1e-5, knob_play_deg=0.0, friction_s=1e-3, contact_share=0.5),
+SETTINGS = RodTrackSettings(
+    prior=PriorSettings(creep=0.0, creep_std=1e-5, knob_play_deg=0.0, contact_share=0.5), friction_s=1e-3,
     update_s=0.0, line_error_s=1e6, knob_drift=1e-6, base_walk_m=0.0, base_walk_deg=0.0, contact_s=1e6, gap_s=1e6,
     huber=1e3, max_misfit=1e3, noise=NoiseSettings(level_frames=1e6),
 )  # fmt: skip

@@ -28,17 +28,15 @@ import numpy as np
 
 from tipforce.clinical import CONTACT_N
 from tipforce.estimators._reading import Abstention
-from tipforce.estimators.rod import (
-    ConstantPriors,
+from tipforce.estimators.session import (
     Detected,
     LineFrame,
-    LineSettings,
+    PriorSettings,
     Rod,
     RodSettings,
     RodTrack,
     RodTrackSettings,
 )  # fmt: skip
-from tipforce.estimators.session import SessionModel, SessionSettings
 from tipforce.geometry import arc_length
 from tipforce.io import spread_rows
 from tipforce.limits import CENTRELINE_NOISE
@@ -179,7 +177,7 @@ class Lines:
             info = replace(info, catheter=catheter)
         return replace(self, info=info, points_px=pixels, knob_deg=knob)
 
-    def prior(self, known: str, usual: ConstantPriors) -> ConstantPriors:
+    def prior(self, known: str, usual: PriorSettings) -> PriorSettings:
         """Returns the prior with the truth in place of the known constants."""
         prior = usual
         if known != "nothing":
@@ -241,12 +239,11 @@ def frame_of(lines: Lines) -> LineFrame:
     return LineFrame(lines.size_px, view.base_side or "left", view.metres_per_px, first[0])
 
 
-METHODS: dict[str, tuple[type[Any], LineSettings]] = {
+METHODS: dict[str, tuple[type[Any], RodSettings]] = {
     "rod": (Rod, RodSettings()),
     "rod-track": (RodTrack, RodTrackSettings()),
-    "session": (SessionModel, SessionSettings()),
 }
-WITH_MEMORY = ("rod-track", "session")
+WITH_MEMORY = ("rod-track",)
 
 
 def estimates_of(lines: Lines, method: str, known: str) -> Callable[[int, DetectedShape], Estimate]:
@@ -380,7 +377,7 @@ def main() -> None:
         draw.add_argument("--stride", type=int, default=5, help="step of the sessions' numbers: 5 for other catheters")
     run = steps.add_parser("score")
     run.add_argument("--lines", type=Path, required=True)
-    run.add_argument("--method", default="session", choices=list(METHODS))
+    run.add_argument("--method", default="rod-track", choices=list(METHODS))
     run.add_argument("--known", default="nothing", choices=KNOWN)
     run.add_argument("--every", type=int, default=20)
     run.add_argument("--skip", type=int, default=0, help="number of sessions that are left out first")

@@ -7,7 +7,7 @@ import pytest
 from tests.oracles.planar_rod import solve_static
 
 from tipforce.calibration import CalibrationSession
-from tipforce.estimators.rod import LineFrame
+from tipforce.estimators.session import LineFrame
 from tipforce.io import ClockMap, Inertia, Tare
 from tipforce.mechanics import PlanarRod, Play
 from tipforce.types import (

@@ -17,7 +17,7 @@ from tipforce.cli import app
 from tipforce.datasets import Dataset
 from tipforce.errors import InputError
 from tipforce.estimators import no_progress
-from tipforce.estimators.session import SessionModel
+from tipforce.estimators.session import RodTrack
 from tipforce.evaluation._constant import Constant
 from tipforce.evaluation._methods import Method
 from tipforce.io import RecordingWriter
@@ -102,7 +102,7 @@ def test_an_evaluation_of_the_session_model_states_what_limits_the_force() -> No
         session_info={"pushed": INFO},
         rows=np.arange(count),
     )
-    methods = (Method("model", SessionModel()), Method("constant", Constant()))
+    methods = (Method("model", RodTrack()), Method("constant", Constant()))
     evaluated: Any = SimpleNamespace(everything=data, methods=methods)
     (note,) = _limit_notes(evaluated, no_progress)
     assert note.startswith("model is limited in pushed by stiffness ")

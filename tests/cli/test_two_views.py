@@ -206,7 +206,7 @@ def turned_about_x(degrees: float) -> ViewInfo:
     return ViewInfo(2e-4, "left", projection=rows, projection_frame="isocentre")
 
 
-@pytest.mark.parametrize("name", ["rod", "rod-track", "session", "beam"])
+@pytest.mark.parametrize("name", ["rod", "rod-track", "beam"])
 def test_a_planar_rod_is_not_fitted_in_a_view_of_another_plane(name: str) -> None:
     catheter = Catheter("7F", 2.34e-3, 0.04, 8e-3, bending_stiffness_nm2=8e-4)
 

@@ -9,7 +9,7 @@ import pytest
 from tipforce.estimators._reading import Abstention, read_advance_m
 from tipforce.estimators._session_detection import DetectedLine, SessionDetection
 from tipforce.estimators.networks._image_input import catheter_window, crop_window, moved
-from tipforce.estimators.rod import LineFrame
+from tipforce.estimators.session import LineFrame
 from tipforce.types import Catheter, CentrelinePx, Image, Observation, SessionInfo, Status, ViewInfo
 from tipforce.vision import INWARD, VisionSettings, image_from_clamp
 

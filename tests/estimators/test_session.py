@@ -1,4 +1,4 @@
-"""`session`: the force integrated where the shape shows least of it, over a session's constants."""
+"""`rod-track`: the force integrated where the shape shows least of it, over a session's constants."""
 
 import math
 from typing import Any
@@ -7,18 +7,22 @@ import numpy as np
 import pytest
 from tests.oracles.planar_rod import solve_static
 
-from tipforce.estimators.rod import (
+from tipforce.estimators.session import (
     MODES,
     POINTS,
     Detected,
     Knowledge,
     LineError,
     LineFrame,
+    Posterior,
+    RodTrack,
+    RodTrackSettings,
+    SessionFilter,
     noise_unit_m,
     rod_model,
 )
-from tipforce.estimators.session import FilterResult, SessionFilter, SessionModel, SessionSettings
 from tipforce.estimators.session._mixture import _widen_by_profile
+from tipforce.estimators.session._noise_level import NoiseLevel
 from tipforce.estimators.session._state import (
     GAIN,
     K0,
@@ -52,10 +56,10 @@ INFO = SessionInfo(
 )
 FRAME = LineFrame((640, 480), "left", SCALE)
 FRAME_S = 1 / 24
-SETTINGS = SessionSettings()
+SETTINGS = RodTrackSettings()
 
 
-def session(settings: SessionSettings = SETTINGS) -> SessionFilter:
+def session(settings: RodTrackSettings = SETTINGS) -> SessionFilter:
     return SessionFilter(settings, Knowledge.stated(settings), rod_model(INFO, settings.segments), INFO)
 
 
@@ -76,13 +80,13 @@ def see(
     knob_deg: float = 10.0,
     elapsed_s: float = FRAME_S,
     across_px: float | FloatArray = 0.0,
-) -> FilterResult:
+) -> Posterior:
     return state.step(
         FRAME.line(CentrelinePx(image_of(force, knob_deg, across_px))), SCALE, knob_deg, elapsed_s
     )  # fmt: skip
 
 
-def width_n(found: FilterResult) -> float:
+def width_n(found: Posterior) -> float:
     return float(found.force.high_n[2] - found.force.low_n[2])
 
 
@@ -162,6 +166,41 @@ def test_after_lines_that_no_rod_explains_the_session_is_learnt_anew() -> None:
     assert late > taught
 
 
+def test_the_level_of_the_noise_is_learnt_and_one_outlier_is_not_it() -> None:
+    usual, outlier, rough = (NoiseLevel(SETTINGS.noise, SETTINGS.level_s) for _ in range(3))
+    for k in range(240):
+        usual.add(0.1, FRAME_S)
+        outlier.add(1e6 if k == 200 else 0.1, FRAME_S)
+        rough.add(0.15 * 9.0 / rough.factor**2, FRAME_S)
+    assert usual.factor == 1.0
+    assert outlier.factor < 1.2
+    assert rough.factor == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_noisier_session_is_followed_with_wider_intervals() -> None:
+    found: dict[float, Posterior] = {}
+    for noise_px in (0.0, 0.4):
+        state, rng = session(), np.random.default_rng(3)
+        for _ in range(30):
+            wave = noise_px * np.sin(np.linspace(0, 12, 64) + rng.uniform(0, 6.3))
+            found[noise_px] = see(state, (-0.1, 0.08), across_px=wave)
+    clean, rough = found.values()
+    assert clean.level == 1.0
+    assert 2.0 < rough.level < SETTINGS.noise.max_level
+    assert rough.explained
+    assert width_n(rough) > width_n(clean)
+
+
+def test_the_curvature_follows_the_knob() -> None:
+    state = session()
+    for _ in range(3):
+        see(state, (0.0, 0.0), elapsed_s=1.0)
+    for knob in np.linspace(10.0, 20.0, 24):
+        found = see(state, (0.0, 0.0), knob_deg=float(knob))
+    assert found.explained
+    assert found.force.contact < 0.5
+
+
 @pytest.mark.parametrize(("mean", "std", "half"), [(0.0, 0.3, 0.5), (0.6, 0.3, 0.5), (-1.5, 0.2, 0.5)])
 def test_the_moments_of_the_play_are_those_of_clipped_samples(mean: float, std: float, half: float) -> None:
     samples = mean + std * np.random.default_rng(0).standard_normal(400_000)
@@ -174,7 +213,7 @@ def test_the_moments_of_the_play_are_those_of_clipped_samples(mean: float, std: 
 def test_a_knob_that_turns_far_puts_the_mechanism_at_the_end_of_its_play() -> None:
     state = SessionState(SETTINGS, Knowledge.stated(SETTINGS), INFO, 10.0)
     _, before = state.unloaded_curvature_per_m()
-    state.predict(1.0, 13.0, 0.0)
+    state.predict(SETTINGS, 1.0, 13.0, 0.0)
     assert state.mean[PLAY] == pytest.approx(-0.5, abs=0.02)
     mean, after = state.unloaded_curvature_per_m()
     assert mean == pytest.approx(0.533 * 12.5, abs=0.02)
@@ -185,7 +224,7 @@ def test_a_knob_that_turns_far_puts_the_mechanism_at_the_end_of_its_play() -> No
 def test_the_one_rule_of_abstention_is_the_width_of_the_interval() -> None:
     estimates = []
     for limit in (None, 1e-3):
-        stream: Any = SessionModel(SessionSettings(max_error_n=limit)).start(INFO)
+        stream: Any = RodTrack(RodTrackSettings(max_error_n=limit)).start(INFO)
 
         class Given:
             shape = DetectedShape(Status.VALID, "", CentrelinePx(image_of((-0.1, 0.08))))
@@ -215,7 +254,7 @@ def hidden_end(points: FloatArray, wrong_px: float = 0.0) -> DetectedShape:
     return DetectedShape(Status.VALID, "", CentrelinePx(guessed), seen=seen, covariance_px2=covariance)
 
 
-def after_learning(shape: DetectedShape) -> FilterResult:
+def after_learning(shape: DetectedShape) -> Posterior:
     """The answer for ``shape`` after five seconds without contact."""
     state, detected = session(), Detected(shape, FRAME)
     for _ in range(5):
@@ -240,6 +279,19 @@ def test_points_that_vision_knows_badly_weigh_less() -> None:
         shape = DetectedShape(Status.VALID, "", CentrelinePx(points), covariance_px2=covariance)
         widths.append(width_n(after_learning(shape)))
     assert widths[1] > 1.3 * widths[0]
+
+
+def test_where_the_line_is_worse_than_stated_visions_statement_is_too_good_as_well() -> None:
+    covariance = 0.5**2 * np.tile(np.eye(2), (64, 1, 1))
+    shape = DetectedShape(Status.VALID, "", CentrelinePx(image_of((-0.1, 0.1))), covariance_px2=covariance)
+    detected, state = Detected(shape, FRAME), session()
+    see(state, (0.0, 0.0))
+    whiten: list[FloatArray] = []
+    for level in (1.0, 3.0):
+        state._lay_out_noise(level, begins=True)
+        state._fill_noise(detected.line(), detected.errors())
+        whiten.append(np.diag(state._whiten)[:POINTS].copy())
+    assert (whiten[1] < 0.5 * whiten[0]).all(), "three times the noise, also where vision states most of it"
 
 
 NOTHING = Fit(math.inf, math.inf, math.nan, math.inf, False)

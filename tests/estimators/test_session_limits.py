@@ -8,8 +8,15 @@ from typing import Any
 import pytest
 from tests.estimators.test_session import FRAME, INFO, SCALE, image_of
 
-from tipforce.estimators.rod import Knowledge, rod_model
-from tipforce.estimators.session import ForceLimits, Limit, LimitsTally, SessionFilter, SessionSettings
+from tipforce.estimators.session import (
+    ForceLimits,
+    Knowledge,
+    Limit,
+    LimitsTally,
+    RodTrackSettings,
+    SessionFilter,
+    rod_model,
+)  # fmt: skip
 from tipforce.estimators.session._limits import GROUPS
 from tipforce.mechanics.planar import FORCE, UNKNOWNS
 from tipforce.types import CentrelinePx, SessionInfo, merged_values
@@ -32,7 +39,7 @@ Stated = tuple[dict[str, float], dict[str, Any]]
 def limits_of(stated: Stated = ({}, {})) -> ForceLimits:
     """The limits of a session whose frames are all in contact."""
     prior, bench = stated
-    settings = SessionSettings(prior=SessionSettings().prior.model_copy(update=prior), segments=SEGMENTS)
+    settings = RodTrackSettings(prior=RodTrackSettings().prior.model_copy(update=prior), segments=SEGMENTS)
     info = INFO.updated(SessionInfo.from_values(bench))
     known = Knowledge.stated(settings)
     for unknown, value in TRUE.items():
@@ -136,7 +143,7 @@ def test_the_sentence_names_the_largest_contributions_and_their_remedy() -> None
 
 
 def test_without_contact_nothing_is_stated() -> None:
-    settings = SessionSettings(segments=SEGMENTS)
+    settings = RodTrackSettings(segments=SEGMENTS)
     session = SessionFilter(settings, Knowledge.stated(settings), rod_model(INFO, SEGMENTS), INFO)
     tally = LimitsTally()
     tally.add(session)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..estimators.rod import PriorSettings, RodSettings
+from ..estimators.session import PriorSettings, RodSettings
 from ..types import FloatArray, IntArray, SessionInfo
 from ._knob import KnobFit, fit_knob
 from ._quantity import Quantity, combined
@@ -39,8 +39,8 @@ MAX_STD_SHARE = 0.6
 """A value is written if its standard deviation is less than this share of the standard deviation before."""
 PROXIMAL_SHARE = 1.0 / 3.0
 """Share of the length that is fitted as the proximal part."""
-BENCH_PRIOR = PriorSettings(length=0.015, scale=0.006, tilt_per_m=0.05)
-"""Priors of a bench that is calibrated: a person has measured length and scale and aligned the camera."""
+BENCH_PRIOR = PriorSettings(length=0.015, scale=0.006, tilt_per_m=0.05, precurvature_per_m=0.1, base_angle_deg=1.5)
+"""Priors of a bench that is calibrated: a person has measured length and scale and aligned camera and clamp."""
 MAX_NOISE_N = 8e-3
 MAX_MISFIT = 1.5
 """Mean square of the residual above which the stated rod does not describe the detected shapes."""

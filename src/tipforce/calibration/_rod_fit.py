@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..estimators.rod import MODES, POINTS, Knowledge, LineError, RodSettings, rod_model, stated_stds
+from ..estimators.session import MODES, POINTS, Knowledge, LineError, RodSettings, rod_model, stated_stds
 from ..mechanics.planar import FORCE, UNKNOWNS, Line, Model, Work, fit_line, make_work, predict_line
 from ..types import FloatArray, IntArray, SessionInfo
 
@@ -38,6 +38,8 @@ DRIFT_SHARE = 0.01
 """Drift of the pre-curvature that the knob sets, relative to it."""
 MIN_DRIFT_PER_M = 0.02
 HUBER_STDS = 4.0
+FORCE_PRIOR_STD_N = 0.25
+"""Standard deviation of each component of the force, where the line alone gives it."""
 RESIDUAL_FACTORS = (1.0 / 64.0, 1.0 / 8.0, 1.0)
 """Factors of the line's residual: the first rounds use a larger noise."""
 OUTLIER_MEDIANS, OUTLIER_VARIANCES = 16.0, 30.0
@@ -226,7 +228,7 @@ def line_forces(
     count = _CONSTANTS + MODES
     work, found = make_work(model, POINTS, FORCE + count), np.full((len(lines), FORCE), math.nan)
     information = np.zeros((FORCE + count, FORCE + count))
-    information[:FORCE, :FORCE] = np.eye(FORCE) / settings.prior.force_n**2
+    information[:FORCE, :FORCE] = np.eye(FORCE) / FORCE_PRIOR_STD_N**2
     information[FORCE:, FORCE:] = np.linalg.inv(fit.covariance[:count, :count])
     for k, line in enumerate(lines):
         mean = np.concatenate([np.zeros(FORCE), fit.mean[:count]])

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..alignment import ForceCorrections, StageMotion, labels
 from ..errors import InputError
-from ..estimators.rod import Detected, Detection, LineFrame
+from ..estimators.session import Detected, Detection, LineFrame
 from ..geometry import arc_length
 from ..io import ClockMap, Inertia, RecordingReader, Tare, any_reading, spread_images
 from ..mechanics.planar import Line

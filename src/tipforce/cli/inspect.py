@@ -101,12 +101,12 @@ def command(
 
 
 def _say_limits(file: Path, stated: SessionInfo, settings: list[str] | None, json_file: str | None) -> None:
-    from ..estimators.session import SessionSettings
+    from ..estimators.session import RodTrackSettings
     from ..pipelines import limits_in
 
     check_outputs([file], json_file)
     with progress_bar() as progress:
-        found = limits_in(file, settings=settings_from(SessionSettings, settings), bench=stated, progress=progress)
+        found = limits_in(file, settings=settings_from(RodTrackSettings, settings), bench=stated, progress=progress)
     for line in found.lines():
         say(line)
     write_json(found.figures(), json_file)

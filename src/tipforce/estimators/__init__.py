@@ -7,8 +7,7 @@ from ._onnx import export_onnx
 from ._registry import ESTIMATORS, create, method
 from .fusion import Fusion, FusionSettings
 from .networks import Compact, CompactSettings, Dcfe, DcfeSettings, NetworkEstimator, Stereo, StereoSettings
-from .rod import NoiseSettings, PriorSettings, Rod, RodSettings, RodTrack, RodTrackSettings
-from .session import SessionModel, SessionSettings
+from .session import NoiseSettings, PriorSettings, Rod, RodSettings, RodTrack, RodTrackSettings
 from .shape import AngleSettings, ShapeFacts, ShapeRegressor, ShapeRegressorSettings, WindowSettings
 from .store import (
     FORMAT_VERSION,
@@ -51,8 +50,6 @@ __all__ = [
     "RodSettings",
     "RodTrack",
     "RodTrackSettings",
-    "SessionModel",
-    "SessionSettings",
     "ShapeFacts",
     "ShapeRegressor",
     "ShapeRegressorSettings",

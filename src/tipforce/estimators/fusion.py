@@ -33,7 +33,7 @@ from ._facts import ModelFacts, ModelSummary
 from ._stretch import NO_STRETCH, Stretch, fit_stretch
 from ._values import stored_array
 from .networks import Compact, CompactStream, NetworkFacts
-from .rod import RodFacts, RodTrack, RodTrackSettings
+from .session import RodFacts, RodTrack, RodTrackSettings
 from .store import load_model
 from .uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 

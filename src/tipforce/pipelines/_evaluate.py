@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from .._system.executor import Executor, ExecutorName, LocalExecutor, executor_of
 from ..errors import InputError
 from ..estimators import ESTIMATORS, Progress, no_progress
-from ..estimators.session import SessionModel
+from ..estimators.session import RodTrack
 from ..evaluation import (
     Evaluation,
     EvaluationSettings,
@@ -163,7 +163,7 @@ def _limit_notes(result: Evaluation, report: Progress) -> list[str]:
     notes: list[str] = []
     for method in result.methods:
         model = method.saved or method.estimator
-        if isinstance(model, SessionModel):
+        if isinstance(model, RodTrack):
             report(f"{method.label}: what limits the force", 1.0)
             found = limits_in_dataset(model, result.everything)
             if found is not None and found[1].measurable:

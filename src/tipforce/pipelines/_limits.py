@@ -11,8 +11,17 @@ from ..calibration import CalibrationSession
 from ..datasets import Dataset, calibration_images, open_source
 from ..errors import InputError
 from ..estimators import Progress, no_progress
-from ..estimators.rod import Knowledge, StatedErrors, rod_model
-from ..estimators.session import ForceLimits, LimitsTally, SessionFilter, SessionModel, SessionSettings, SessionStream
+from ..estimators.session import (
+    ForceLimits,
+    Knowledge,
+    LimitsTally,
+    RodTrack,
+    RodTrackSettings,
+    RodTrackStream,
+    SessionFilter,
+    StatedErrors,
+    rod_model,
+)  # fmt: skip
 from ..io import frame_count
 from ..types import Observation, SessionInfo
 from ..vision import VisionSettings
@@ -25,7 +34,7 @@ MAX_FRAMES = 600
 def limits_in(
     path: str | Path,
     *,
-    settings: SessionSettings | Mapping[str, Any] | None = None,
+    settings: RodTrackSettings | Mapping[str, Any] | None = None,
     bench: SessionInfo | str | Path | None = None,
     actuation: Mapping[str, float] | None = None,
     progress: Progress | None = None,
@@ -34,7 +43,7 @@ def limits_in(
 
     Args:
         path: a recording, or a video or folder of images. No force log is needed.
-        settings: settings of the session model.
+        settings: settings of `rod-track`.
         bench: metadata in place of those in the file.
         actuation: constant readings of drives that the file does not hold, as ``{"knob_deg": 10.0}``.
         progress: called with the current step and the share that is done.
@@ -47,11 +56,11 @@ def limits_in(
     """
     report = progress or no_progress
     with open_source(path, actuation=actuation or {}, stated=session_info_from(bench)) as source:
-        estimator = for_source(SessionModel(SessionSettings.model_validate(settings or {})), source)
+        estimator = for_source(RodTrack(RodTrackSettings.model_validate(settings or {})), source)
         view = estimator.views[0]
         total = frame_count(source, view)
         stream = start_stream(estimator, source)
-        assert isinstance(stream, SessionStream)
+        assert isinstance(stream, RodTrackStream)
 
         def counted() -> Iterator[Observation]:
             for number, observation in enumerate(observations(source, estimator.views)):
@@ -61,7 +70,7 @@ def limits_in(
         return _limits(stream, counted(), view, str(path))
 
 
-def limits_in_dataset(estimator: SessionModel, dataset: Dataset) -> tuple[str, ForceLimits] | None:
+def limits_in_dataset(estimator: RodTrack, dataset: Dataset) -> tuple[str, ForceLimits] | None:
     """Finds the same in the session of a dataset that has the most frames.
 
     Args:
@@ -75,13 +84,13 @@ def limits_in_dataset(estimator: SessionModel, dataset: Dataset) -> tuple[str, F
     rows = (dataset.session == name).nonzero()[0]
     view = estimator.views[0]
     stream = estimator.start(dataset.session_info[name], calibration_images(dataset, name, view))
-    if not isinstance(stream, SessionStream):
+    if not isinstance(stream, RodTrackStream):
         return None
     seen = dataset.subset(rows[:: -(-len(rows) // MAX_FRAMES)])
     return name, _limits(stream, seen.observations(), view, name)
 
 
-def _limits(stream: SessionStream, frames: Iterable[Observation], view: str, where: str) -> ForceLimits:
+def _limits(stream: RodTrackStream, frames: Iterable[Observation], view: str, where: str) -> ForceLimits:
     tally, count = LimitsTally(), 0
     for observation in frames:
         before = stream.filter.newest
@@ -105,7 +114,7 @@ def limits_calibrated(sessions: Sequence[CalibrationSession], calibrated: Sessio
         The limits in all recordings.
     """
     view, tally = sessions[0].view, LimitsTally()
-    settings = SessionSettings(vision=VisionSettings(view=view))
+    settings = RodTrackSettings(vision=VisionSettings(view=view))
     for session in sessions:
         info = session.info.updated(calibrated)
         model = SessionFilter(settings, Knowledge.stated(settings), rod_model(info, settings.segments), info)

@@ -75,7 +75,7 @@ def train(
     Args:
         data: labelled samples; several datasets are joined.
         output: the model folder to write.
-        estimator: name of the method: svr, dcfe, compact, stereo, rod, rod-track or session.
+        estimator: name of the method: svr, dcfe, compact, stereo, rod or rod-track.
         settings: the method's settings, or some of their values.
         bench: metadata in place of those in the data.
         init_from: networks only: a model to be fine-tuned, or "pretrained" for the shipped one of this method.

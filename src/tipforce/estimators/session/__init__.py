@@ -1,18 +1,68 @@
-"""One model of a session: constants, slow states and forces, with the posterior of the force integrated."""
+"""One model of a session: constants, slow states and forces, with the posterior of the force integrated.
 
-from ._filter import FilterResult, SessionFilter
+Methods: `rod` (one frame) and `rod-track` (all frames so far).
+"""
+
+from ._abstention import actuation_out_of_range, late_frame, too_noisy, unexplained
+from ._calibration import LEAST_STD_N, Widths, errors_over_reach, without_widths
+from ._detection import Detected, Detection
+from ._facts import RodFacts
+from ._filter import SessionFilter
+from ._knowledge import (
+    MODES,
+    STIFFNESS_LEFT_OUT,
+    Knowledge,
+    LineError,
+    knob_gain_std,
+    noise_unit_m,
+    rod_model,
+    stated_stds,
+)  # fmt: skip
 from ._limits import ForceLimits, Limit, LimitsTally
-from ._settings import SessionPriors, SessionSettings
-from .session import SessionModel, SessionStream
+from ._lines import POINTS, LineFrame, StatedErrors
+from ._mixture import Mixed
+from ._noise_level import NoiseLevel
+from ._posterior import Posterior
+from ._settings import NoiseSettings, OverTimeSettings, PriorSettings, RodPriors, RodSettings, RodTrackSettings
+from .rod import Rod, RodTrack, RodTrackStream
 
 __all__ = [
-    "FilterResult",
+    "LEAST_STD_N",
+    "MODES",
+    "POINTS",
+    "STIFFNESS_LEFT_OUT",
+    "Detected",
+    "Detection",
     "ForceLimits",
+    "Knowledge",
     "Limit",
     "LimitsTally",
+    "LineError",
+    "LineFrame",
+    "Mixed",
+    "NoiseLevel",
+    "NoiseSettings",
+    "OverTimeSettings",
+    "Posterior",
+    "PriorSettings",
+    "Rod",
+    "RodFacts",
+    "RodPriors",
+    "RodSettings",
+    "RodTrack",
+    "RodTrackSettings",
+    "RodTrackStream",
     "SessionFilter",
-    "SessionModel",
-    "SessionPriors",
-    "SessionSettings",
-    "SessionStream",
+    "StatedErrors",
+    "Widths",
+    "actuation_out_of_range",
+    "errors_over_reach",
+    "knob_gain_std",
+    "late_frame",
+    "noise_unit_m",
+    "rod_model",
+    "stated_stds",
+    "too_noisy",
+    "unexplained",
+    "without_widths",
 ]

@@ -17,8 +17,8 @@ import numpy as np
 
 from ...mechanics.planar import FORCE, UNKNOWNS
 from ...types import FloatArray
-from ..rod import MODES, STIFFNESS_LEFT_OUT
 from ._filter import SessionFilter
+from ._knowledge import MODES, STIFFNESS_LEFT_OUT
 from ._state import CAMERA, COUNT, GAIN, K0, PLAY, ROD
 
 MIN_CONTACT = 0.9

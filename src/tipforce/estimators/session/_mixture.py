@@ -1,13 +1,13 @@
 """From the nodes of a walk to the force, its intervals, and the session's constants."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ...mechanics.planar import FORCE, solve_in
 from ...types import FloatArray, IntArray
-from ..rod import Mixed
 from ._walk import NODES, Fit, Scratch
 
 _ACROSS = np.array([-math.sqrt(3.0), 0.0, math.sqrt(3.0)])
@@ -20,10 +20,21 @@ _PROFILE = 0.5 * 1.6448536**2
 """
 _LEAST_SHARE = 1e-3
 """Nodes with a smaller share than this do not count for the constants."""
-
-
 _NEAR_NOTHING = 0.3
 """The density of a uniform magnitude is infinite at no force: it ends at this share of a node's distance."""
+
+
+class Mixed(NamedTuple):
+    """``force_n`` (2,), ``covariance_n2`` (2, 2): over contact and none; ``contact``: probability of contact.
+
+    ``low_n``, ``high_n`` (3,): ends of the 90 % intervals of fx, fy and the magnitude.
+    """
+
+    force_n: FloatArray
+    covariance_n2: FloatArray
+    contact: float
+    low_n: FloatArray
+    high_n: FloatArray
 
 
 @njit(cache=True, nogil=True)

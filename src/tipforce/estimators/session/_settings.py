@@ -1,54 +1,156 @@
-"""Settings of the session model."""
+"""Settings of the session model: prior knowledge of a session as standard deviations, and limits of abstention."""
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field
 
-from ..rod import ConstantPriors, LineSettings
+from ...vision import VisionSettings
 
-_Positive = Annotated[float, Field(gt=0, le=1e6)]
+_Std = Annotated[float, Field(gt=0, le=1e6)]
+_Share = Annotated[float, Field(gt=0, lt=0.5)]
+_FROZEN = ConfigDict(frozen=True, extra="forbid")
 
 
-class SessionPriors(ConstantPriors):
-    """Priors of the session model: those of a rod in a plane, and of effects that such a rod leaves out."""
+class RodPriors(BaseModel):
+    """Priors of shaft, knob and force, in the plane and in space; see `PriorSettings`."""
 
-    precurvature_per_m: _Positive = 0.2
-    """Curvature without load, besides that of the knob; a bend out of the plane looks like it."""
-    base_angle_deg: _Positive = 2.5
-    """Direction of the clamp's tangent, from the perpendicular to the border that the shaft comes from."""
-    largest_force_n: _Positive = 0.8
-    """The magnitude of a force in contact is uniform up to this."""
-    friction: _Positive = 0.19
+    model_config = _FROZEN
+
+    contact_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """Share of frames in which the tip touches."""
+    largest_force_n: _Std = 0.8
+    """The magnitude of a force in contact is uniform up to this, its angle to the tip's axis up to 90 degrees."""
+    friction: _Std = 0.19
     """Friction acts at the surface of the tip's dome, not through its centre. Its lever: this times the radius, one
     standard deviation (root mean square of a friction coefficient between 0.05 and 0.3)."""
-    friction_s: _Positive = 0.5
-    """How long the lever stays, until the tissue moves the other way."""
-    stretch: _Positive = 4e-3
+    stiffness: _Share = 0.05
+    """Relative, of the bending stiffness that is stated."""
+    proximal_stiffness: _Share = 0.05
+    """Relative, of the stiffness of the third next to the base beside the rest."""
+    stiffening_m2: Annotated[float, Field(ge=0, le=1e-2)] = 4.5e-4
+    """Stiffness grows as 1 + this x curvature^2: from 4.3e-4 to 9.2e-4 N m^2 at 50 1/m (Khoshnam et al.)."""
+    stiffening_std_m2: _Std = 2e-4
+    length: _Share = 0.02
+    """Relative, of the flexible length."""
+    knob_gain: _Share = 0.02
+    """Relative, of the curvature that the knob asks for."""
+    knob_play_deg: Annotated[float, Field(ge=0, le=90)] = 1.0
+    """Backlash of the knob: the curvature may belong to any angle within half of this."""
+
+
+class PriorSettings(RodPriors):
+    """Priors of a session before its first image; each is a Gaussian about the value in the session metadata.
+
+    The metadata may state how well they are known: then that holds for stiffness, length, scale and tilt in place of
+    the values here, which are those of a bench of which nothing is said.
+    """
+
+    scale: _Share = 0.02
+    """Scale of the image (metres of a pixel), relative."""
+    precurvature_per_m: _Std = 0.2
+    """Curvature without load, besides that of the knob; a bend out of the plane looks like it."""
+    unknown_precurvature_per_m: _Std = 10.0
+    """The same where there is no knob, or no map for it."""
+    base_position_m: _Std = 0.01
+    """Position of the clamp, from where the shaft enters the image."""
+    base_angle_deg: _Std = 2.5
+    """Direction of the clamp's tangent, from the perpendicular to the border that the shaft comes from."""
+    tilt_per_m: _Std = 0.15
+    """Tilt of the camera, each way: tangent of the angle over the camera's distance."""
+    distortion_per_m2: _Std = 0.3
+    """Radial distortion of the lens: k1 over the square of the camera's distance."""
+    stretch: _Std = 4e-3
     """A tilted camera shortens one direction of the image and shears it; relative, with a tilt of 5 degrees."""
-    depth_per_m: _Positive = 0.065
+    depth_per_m: _Std = 0.065
     """A bend out of the plane moves a point at the distance s from the clamp by this times s^2 in a tilted image."""
+    creep: Annotated[float, Field(ge=0, lt=0.5)] = 0.02
+    """Share by which the bend grows under a steady force; a polymer shaft has some percent."""
+    creep_std: _Share = 0.02
 
 
-class SessionSettings(LineSettings):
-    """Force by the model of a whole session: its constants, slow states, and the force of each frame."""
+class NoiseSettings(BaseModel):
+    """Error of the detected centreline in px, see `LineNoise`: measured on simulated images of a camera bench."""
 
-    prior: SessionPriors = SessionPriors()  # pyright: ignore[reportIncompatibleVariableOverride] (frozen)
+    model_config = _FROZEN
+
+    fresh_px: _Std = 0.027
+    """Across the line, new in each frame."""
+    fresh_tip_px: _Std = 0.4
+    fresh_along_px: _Std = 1.0
+    """Error of the tip along the line."""
+    lasting_px: _Std = 0.05
+    """The same that stay for a session."""
+    lasting_tip_px: _Std = 0.25
+    lasting_along_px: _Std = 1.5
+    factor: Annotated[float, Field(ge=0.1, le=100)] = 1.2
+    """Factor on all of them: effects that the planar rod lacks (depth, creep) appear as noise."""
+    max_level: Annotated[float, Field(ge=1, le=100)] = 10.0
+    """Largest ratio of the noise across the line to the stated one. Beyond it, abstains."""
+    level_frames: _Std = 5.0
+    """Weight of the stated level, in frames."""
+
+
+class RodFitSettings(BaseModel):
+    """Settings of every method that fits a rod to centrelines, in the plane or in space."""
+
+    model_config = _FROZEN
+
+    noise: NoiseSettings = NoiseSettings()
+    huber: _Std = 4.0
+    """Number of standard deviations up to which misfits count with their square; beyond it, with their size."""
+    max_misfit: _Std = 2.0
+    """Abstains where the squares of the line's misfit, in the noise's variances, and of the constants' distance from
+    their priors, in the priors' variances, are together larger than this for each measurement of the line."""
+    max_error_n: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Abstains where the 90 % interval of the magnitude reaches further than this from the estimate."""
+    max_precurvature_per_m: _Std = 60.0
+    """Abstains where the knob asks for more."""
+
+
+class OverTimeSettings(RodFitSettings):
+    """Settings of a model of all centrelines of a session, in the plane or in space."""
+
     update_s: Annotated[float, Field(ge=0, le=60)] = 1.0
     """Time between two frames from which the session's constants are learnt. Errors of the model are the same in
     neighbouring frames, so that all frames have little more information on the constants than one in this time."""
-    contact_s: _Positive = 0.5
+    level_s: _Std = 5.0
+    """How long the level of the line's noise is remembered."""
+    contact_s: _Std = 0.5
     """Mean time in contact, and without."""
-    knob_drift: _Positive = 0.01
+    friction_s: _Std = 0.5
+    """How long the lever of friction stays, until the tissue moves the other way."""
+    knob_drift: Annotated[float, Field(ge=0, le=1e6)] = 0.01
     """Relative slow drift of the knob's curvature, with the time constant ``knob_drift_s``."""
-    knob_drift_s: _Positive = 20.0
+    knob_drift_s: _Std = 20.0
     base_walk_m: Annotated[float, Field(ge=0, le=1)] = 2e-5
-    """Random walk of the clamp's position in a second, and, in degrees, of its direction."""
+    """Random walk of the clamp's position in a second."""
+    line_error_s: _Std = 10.0
+    """How long the lasting error of a line stays."""
+    gap_s: _Std = 5.0
+    """After so long without a line that the rod explains, the session's constants are learnt anew."""
+
+
+class RodSettings(RodFitSettings):
+    """Force by the session model from one centreline and the actuation."""
+
+    vision: VisionSettings = VisionSettings()
+    prior: PriorSettings = PriorSettings()
+    learn: bool = True
+    """Whether `fit` learns priors from sessions with forces: stiffness, knob, clamp and the share of contact. Without
+    it the settings hold."""
+    segments: Annotated[int, Field(ge=8, le=400)] = 40
+    """Number of segments of the flexible length."""
+    max_misfit: _Std = 2.0
+    """Abstains where the squares of the line's misfit, in the noise's variances, and of the constants' distance from
+    their priors, in the priors' variances, are together larger than this for each measurement of the line."""
+
+
+class RodTrackSettings(RodSettings, OverTimeSettings):
+    """Force by the session model from all centrelines so far."""
+
     base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.02
+    """Random walk of the clamp's direction in a second."""
     advance_late_s: Annotated[float, Field(ge=0, le=1)] = 5e-3
     """Standard deviation of the time between an image and the reading of the clamp's advance that belongs to it."""
-    line_error_s: _Positive = 10.0
-    """How long the lasting error of the line stays."""
-    creep_s: _Positive = 2.0
+    creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""
-    gap_s: _Positive = 5.0
-    """After so long without a line that the rod explains, the session's constants are learnt anew."""

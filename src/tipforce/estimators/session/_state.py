@@ -6,8 +6,9 @@ import numpy as np
 
 from ...mechanics.planar import FORCE, UNKNOWNS, Line, Model
 from ...types import FloatArray, SessionInfo
-from ..rod import MODES, POINTS, Knowledge, LineError, knob_gain_std
-from ._settings import SessionSettings
+from ._knowledge import MODES, Knowledge, LineError, knob_gain_std
+from ._lines import POINTS
+from ._settings import RodSettings, RodTrackSettings
 from ._walk import EXTRA
 
 CAMERA = 4
@@ -33,9 +34,8 @@ class SessionState:
         knob_deg: first reading of the knob; NaN: not known.
     """
 
-    def __init__(self, settings: SessionSettings, knowledge: Knowledge, info: SessionInfo, knob_deg: float) -> None:
+    def __init__(self, settings: RodSettings, knowledge: Knowledge, info: SessionInfo, knob_deg: float) -> None:
         prior, actuation = settings.prior, info.actuation
-        self._settings = settings
         gain = actuation.knob_gain_per_m_deg
         has_knob = gain is not None and not math.isnan(knob_deg)
         self.gain_per_m_deg = gain if gain is not None and has_knob else 0.0
@@ -66,15 +66,16 @@ class SessionState:
         covariance[0, 0] = max(covariance[0, 0], std**2)
         return mean, covariance
 
-    def predict(self, elapsed_s: float, knob_deg: float, advanced_m: float) -> None:
+    def predict(self, settings: RodTrackSettings, elapsed_s: float, knob_deg: float, advanced_m: float) -> None:
         """Changes the state by the time that passed, the knob's turn, and the way of the clamp.
 
         Args:
+            settings: speeds of the changes.
             elapsed_s: time since the state was last updated.
             knob_deg: reading of the knob; NaN: it stays.
             advanced_m: way of the clamp in this time.
         """
-        settings, covariance = self._settings, self.covariance
+        covariance = self.covariance
         bend = self.gain_per_m_deg * abs(self.knob_deg)
         part = min(1.0, elapsed_s / settings.knob_drift_s)
         covariance[K0, K0] += 2.0 * (settings.knob_drift * bend) ** 2 * part
@@ -84,7 +85,7 @@ class SessionState:
         if elapsed_s > 0.0:
             covariance[X, X] += (advanced_m * min(1.0, settings.advance_late_s / elapsed_s)) ** 2
         self._forget(slice(ROD, ROD + MODES), math.exp(-elapsed_s / settings.line_error_s))
-        self._forget(slice(LEVER, COUNT), math.exp(-elapsed_s / settings.prior.friction_s))
+        self._forget(slice(LEVER, COUNT), math.exp(-elapsed_s / settings.friction_s))
         if self.gain_per_m_deg and not math.isnan(knob_deg):
             self._turn(knob_deg - self.knob_deg)
             self.knob_deg = knob_deg
@@ -151,7 +152,7 @@ def line_modes(error: LineError, unit_m: float) -> FloatArray:
     return modes
 
 
-def fill_camera_modes(modes: FloatArray, line: Line, model: Model, settings: SessionSettings) -> None:
+def fill_camera_modes(modes: FloatArray, line: Line, model: Model, settings: RodSettings) -> None:
     """Fills the columns of ``modes`` that depend on where the line is: those of the image.
 
     Args:

@@ -127,7 +127,7 @@ def predict(q: FloatArray, session: Session, line: Line, scratch: Scratch) -> bo
     rod_q[_K0] = q[_K0] + gain * (knob * (1.0 + q[count - 3]) + q[count - 2]) + per_n * size * q[count - 1]
     if not is_possible(rod_q, session.model):
         return False
-    converged, stable, _ = predict_line(rod_q, session.model, line, session.modes, work, False)
+    converged, stable = predict_line(rod_q, session.model, line, session.modes, work, False)
     if not (converged and stable):
         return False
     for row in range(work.residual.size):

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...types import CentrelinePx, FloatArray, SessionInfo
-from ..rod import POINTS
+from ..session import POINTS
 
 _ISOCENTRE = np.array([0.0, 0.0, 0.0, 1.0])
 _NEAR_ORIGIN = 1e-3

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...mechanics.spatial import PARAMETERS
 from ...types import FloatArray, SessionInfo
-from ..rod import MODES, knob_gain_std
+from ..session import MODES, knob_gain_std
 from ._settings import SpaceSettings
 from ._view_pose import POSE_ERRORS
 

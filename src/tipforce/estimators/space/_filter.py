@@ -14,7 +14,7 @@ import numpy as np
 
 from ...mechanics.spatial import SpatialRod, SpatialShapes
 from ...types import DetectedShape, FloatArray, SessionInfo
-from ..rod import MODES, LineError, NoiseLevel
+from ..session import MODES, LineError, NoiseLevel
 from ._cameras import Reference, base_axes_px, camera_of, scale_at, toward_viewer, turns
 from ._constants import DEPTH, FORCE, TURN, Constants, error_slopes
 from ._mixture import SpaceForce, mixed_constants, mixed_force
@@ -156,7 +156,7 @@ class SpaceFilter:
         diameter = info.catheter.diameter_m or 0.0
         stiffness = self._shapes.rod.bending_stiffness_nm2
         self._lever_per_m_n = settings.prior.friction * 0.5 * diameter / stiffness
-        self._level = NoiseLevel(settings.noise)
+        self._level = NoiseLevel(settings.noise, settings.level_s)
         self._pose_prior = PosePrior.of(info, settings.views)
         self._pose_is_wrong = False
         self._begun_factor = 1.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...types import CentrelinePx, DetectedShape, FloatArray
-from ..rod import StatedErrors
+from ..session import StatedErrors
 from ._cameras import ViewLine
 from ._settings import SpaceSettings
 

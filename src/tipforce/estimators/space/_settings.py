@@ -6,10 +6,9 @@ from pydantic import Field, model_validator
 
 from ...types import DEFAULT_VIEW
 from ...vision import VisionSettings
-from ..rod import RodFitSettings, RodPriors
+from ..session import OverTimeSettings, RodPriors
 
 _Positive = Annotated[float, Field(gt=0, le=1e6)]
-_NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 _Share = Annotated[float, Field(gt=0, lt=0.5)]
 _Degrees = Annotated[float, Field(gt=0, le=90)]
 
@@ -20,8 +19,6 @@ class SpacePriors(RodPriors):
     Uncertainties that the metadata state hold in place of the values here.
     """
 
-    largest_force_n: _Positive = 0.8
-    """The magnitude of a force in contact is uniform up to this, its angle to the tip's axis up to 90 degrees."""
     stiffness_left_out: _Share = 0.025
     """Relative deviation from a stiffness that was measured well: the shaft creeps."""
     curvature_per_m: _Positive = 0.25
@@ -38,8 +35,6 @@ class SpacePriors(RodPriors):
     """Angle of the clamp's tangent out of that image, where one view alone is there."""
     base_roll_deg: _Degrees = 3.5
     """Angle of the plane of bending about the clamp's tangent, from that image."""
-    friction: _Positive = 0.19
-    """Lever of the force about the middle of the tip's dome, relative to its radius."""
     view_shift_px: _Positive = 0.4
     """Shift of an image by the error of its projection."""
     view_stretch: _Share = 0.002
@@ -48,7 +43,7 @@ class SpacePriors(RodPriors):
     """Relative, of the scale of a view without a stated projection."""
 
 
-class SpaceSettings(RodFitSettings):
+class SpaceSettings(OverTimeSettings):
     """Force in space by a model of the whole session, from the centrelines of one view or two."""
 
     views: tuple[str, ...] = (DEFAULT_VIEW,)
@@ -58,31 +53,16 @@ class SpaceSettings(RodFitSettings):
     prior: SpacePriors = SpacePriors()
     segments: Annotated[int, Field(ge=8, le=200)] = 24
     """Number of segments of the flexible length."""
-    update_s: Annotated[float, Field(ge=0, le=60)] = 1.0
-    """Time between two frames from which the session's constants are learnt: errors of the model last."""
-    contact_s: _Positive = 0.5
-    """Mean time in contact, and without."""
-    knob_drift: _NotNegative = 0.01
-    """Relative slow drift of the knob's curvature, with the time constant ``knob_drift_s``."""
-    knob_drift_s: _Positive = 20.0
-    curvature_walk_per_m: _NotNegative = 0.1
+    curvature_walk_per_m: Annotated[float, Field(ge=0, le=1e6)] = 0.1
     """Random walk of the curvatures without load in a second: the shaft creeps."""
-    base_walk_m: Annotated[float, Field(ge=0, le=1)] = 2e-5
-    """Random walk of the clamp's position in a second, and, in degrees, of its direction and of the plane of bending.
-    With 0.02 the 90 % intervals of fz held 59 % at contact angles from 60 degrees on, with 0.3 they held 95 % (six
-    simulated `biplane` sessions)."""
     base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.3
-    friction_s: _Positive = 0.5
-    """How long the lever of the force stays, until the tissue moves the other way."""
-    line_error_s: _Positive = 10.0
-    """How long the lasting error of a line stays."""
+    """Random walk of the clamp's direction and of the plane of bending in a second. With 0.02 the 90 % intervals of fz
+    held 59 % at contact angles from 60 degrees on, with 0.3 they held 95 % (six simulated `biplane` sessions)."""
     force_rate_n_per_s: _Positive = 1.0
     """Standard deviation of the rate of each component of the force, where a view showed one line only so far."""
     force_acceleration_n_per_s2: _Positive = 10.0
     """Standard deviation of the acceleration of each component of the force: by it the line of a view is unsure that
     shows no image of an instant, as with views exposed in turn."""
-    gap_s: _Positive = 5.0
-    """After so long without lines that the rod explains, the session's constants are learnt anew."""
 
     @model_validator(mode="after")
     def _one_view_or_two(self) -> Self:

@@ -11,7 +11,7 @@ from ...datasets import Dataset
 from ...errors import InputError
 from ...types import DetectedShape, ForceEstimate, Status
 from .._builder import AXES, MAX_FORCE_N, implausible
-from ..rod import LEAST_STD_N, errors_over_reach
+from ..session import LEAST_STD_N, errors_over_reach
 from ..uncertainty import GAUSS_90, conformal_half_width, interval_basis
 from ._mixture import SpaceForce
 

@@ -36,7 +36,7 @@ from .._facts import ModelFacts, ModelSummary
 from .._reading import Abstention
 from .._session_detection import DetectedLine, SessionDetection
 from .._session_metadata import UninformedStream
-from ..rod import actuation_out_of_range, late_frame, too_noisy, unexplained, without_widths
+from ..session import actuation_out_of_range, late_frame, too_noisy, unexplained, without_widths
 from ._filter import SpaceFilter, SpaceResult, ViewShape
 from ._motion import MAX_LINE_AGE_S
 from ._settings import SpaceSettings

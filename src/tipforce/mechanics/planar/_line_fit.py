@@ -16,7 +16,6 @@ from ._cholesky import factorise, solve_in
 from ._compile import compiled
 from ._newton import (
     COSINE,
-    INVERSE_PIVOTS,
     SCRATCH,
     SINE,
     TOLERANCE,
@@ -144,7 +143,6 @@ class Found(NamedTuple):
         log_det: logarithm of the determinant of the posterior's information.
         converged: whether the fit has converged.
         stable: whether the shape is stable.
-        firmness: smallest pivot of the rod's Hessian over EI / h; near 0 close to a fold.
         iterations: number of steps.
     """
 
@@ -153,7 +151,6 @@ class Found(NamedTuple):
     log_det: float
     converged: bool
     stable: bool
-    firmness: float
     iterations: int
 
 
@@ -199,8 +196,8 @@ def is_possible(q: FloatArray, model: Model) -> bool:
 
 
 @compiled
-def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool) -> tuple[bool, bool, float]:
-    """Solves the equilibrium at ``q`` into ``theta``; whether it converged, whether it is stable, its firmness."""
+def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool) -> tuple[bool, bool]:
+    """Solves the equilibrium at ``q`` into ``theta``; whether it converged, and whether it is stable."""
     n = model.segments + 1
     h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
     for i in range(n):
@@ -218,10 +215,7 @@ def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool
         outcome, _ = follow(work.theta, rod, load, 0.5, work.scratch)
     else:
         outcome = relax_in(work.theta, rod, load, 1e3 * TOLERANCE, work.scratch[:SCRATCH])
-    firm = 1e300
-    for i in range(n):
-        firm = min(firm, 1.0 / work.scratch[INVERSE_PIVOTS, i] if work.scratch[INVERSE_PIVOTS, i] > 0.0 else 0.0)
-    return outcome.converged, outcome.stable, firm * h / model.stiffness_nm2
+    return outcome.converged, outcome.stable
 
 
 @compiled
@@ -377,7 +371,7 @@ def _measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: W
 @compiled
 def predict_line(
     q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Work, cold: bool
-) -> tuple[bool, bool, float]:
+) -> tuple[bool, bool]:
     """Computes ``residual`` and ``slopes`` of ``work`` at given unknowns, if a stable shape is found.
 
     Args:
@@ -389,13 +383,13 @@ def predict_line(
         cold: solve the shape from the unloaded one, not from ``work.theta``.
 
     Returns:
-        Whether the shape converged, whether it is stable, and its firmness, see `Found`.
+        Whether the shape converged, and whether it is stable.
     """
-    converged, stable, firm = _solve_shape(q, model, line, work, cold)
+    converged, stable = _solve_shape(q, model, line, work, cold)
     if converged and stable:
         _turn_rates(q, model, line, work)
         _measure(q, model, line, modes, work)
-    return converged, stable, firm
+    return converged, stable
 
 
 @compiled
@@ -502,7 +496,7 @@ def fit_line(
         Cost, residuals, and whether the fit converged.
     """
     count = q.size
-    cost, plain, firm, plain_there = math.inf, math.inf, 0.0, math.inf
+    cost, plain, plain_there = math.inf, math.inf, math.inf
     damping, iteration, done, stable = 0.0, -1, False, False
     bound, largest = 1e300, 0.0  # far from the line, squares converge faster
     ease = _FIRST_EASE if cold else 1.0
@@ -511,9 +505,9 @@ def fit_line(
     for _ in range(_TRIES_PER_STEP * most + 4):
         for i in range(work.theta.size):
             work.kept[i] = work.theta[i]
-        converged, stable_there, firm_there = False, False, 0.0
+        converged, stable_there = False, False
         if is_possible(work.tried, model):
-            converged, stable_there, firm_there = _solve_shape(work.tried, model, line, work, cold and iteration < 0)
+            converged, stable_there = _solve_shape(work.tried, model, line, work, cold and iteration < 0)
         turned = 0.0
         if iteration >= 0:
             for i in range(work.theta.size):
@@ -524,12 +518,12 @@ def fit_line(
             _measure(work.tried, model, line, modes, work)
             tried_cost, plain_there = _cost(work.tried, mean, information, whiten, ease, bound, work)
         if iteration < 0 and tried_cost == math.inf:
-            return Found(math.inf, math.inf, math.nan, False, stable_there, firm_there, 0)
+            return Found(math.inf, math.inf, math.nan, False, stable_there, 0)
         if tried_cost <= cost:
             done = done or (damping < 1e-2 and cost - tried_cost < (_CONVERGED_GAIN if ease == 1.0 else _EASED_GAIN))
             for k in range(count):
                 q[k] = work.tried[k]
-            cost, plain, firm, stable = tried_cost, plain_there, firm_there, stable_there
+            cost, plain, stable = tried_cost, plain_there, stable_there
             largest = 0.0
             for i in range(work.residual.size):
                 largest = max(largest, abs(work.white[i, count]))
@@ -569,4 +563,4 @@ def fit_line(
         for b in range(count):
             column[b] = 1.0 if a == b else 0.0
         solve_in(work.factor, column)
-    return Found(cost, plain, log_det, done and not math.isnan(log_det), stable, firm, iteration)
+    return Found(cost, plain, log_det, done and not math.isnan(log_det), stable, iteration)

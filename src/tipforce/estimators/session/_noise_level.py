@@ -19,12 +19,12 @@ _CLIP = 6.0
 class NoiseLevel:
     """``factor``, at least 1: of the standard deviations across the line that are stated.
 
-    Each misfit is an estimate of the variance; they are averaged with the memory ``level_s`` of the settings and with
+    Each misfit is an estimate of the variance; they are averaged with the memory ``memory_s`` and with
     the stated level as ``level_frames`` frames beside them (scaled inverse chi-squared, its mode).
     """
 
-    def __init__(self, settings: NoiseSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: NoiseSettings, memory_s: float) -> None:
+        self._settings, self._memory_s = settings, memory_s
         self._weight = self._sum = 0.0
         self.factor = 1.0
 
@@ -32,7 +32,7 @@ class NoiseLevel:
         """``misfit``: mean square, in the variances of the noise at the present ``factor``."""
         variance = self.factor**2
         seen = variance * min(_CLIP, misfit / _USUAL_MISFIT)
-        keep = math.exp(-elapsed_s / self._settings.level_s)
+        keep = math.exp(-elapsed_s / self._memory_s)
         self._weight, self._sum = keep * self._weight + 1.0, keep * self._sum + seen
         first = self._settings.level_frames
         level = math.sqrt(max(1.0, (self._sum + first) / (self._weight + first)))

@@ -20,7 +20,7 @@ from .._reading import Abstention
 from ._detection import Detection
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m, rod_model
 from ._lines import POINTS
-from ._settings import LineSettings
+from ._settings import RodSettings
 
 _FRAMES = 48
 """Number of frames of each session, spread over it."""
@@ -45,7 +45,7 @@ class _Session:
     force_n: FloatArray
 
 
-def learn(settings: LineSettings, dataset: Dataset, progress: Progress) -> Knowledge:
+def learn(settings: RodSettings, dataset: Dataset, progress: Progress) -> Knowledge:
     """Learns the priors from ``dataset``. Raises InputError if the catheter is found in none of its images."""
     if not dataset.known[:2].all():
         raise InputError(f"{dataset.title}: to learn from it the rod needs forces in x and y; state learn=false")
@@ -71,7 +71,7 @@ def learn(settings: LineSettings, dataset: Dataset, progress: Progress) -> Knowl
     return knowledge
 
 
-def _read(settings: LineSettings, dataset: Dataset, name: str) -> _Session:
+def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
     info = dataset.session_info[name]
     rows = np.flatnonzero(dataset.session == name)
     part = dataset.subset(rows[np.unique(np.linspace(0, len(rows) - 1, _FRAMES).astype(np.int64))])
@@ -95,7 +95,7 @@ def _read(settings: LineSettings, dataset: Dataset, name: str) -> _Session:
     return _Session(info, lines, scale, np.array(knobs), np.array(forces).reshape(-1, FORCE))
 
 
-def _posterior(settings: LineSettings, knowledge: Knowledge, session: _Session) -> tuple[FloatArray, FloatArray]:
+def _posterior(settings: RodSettings, knowledge: Knowledge, session: _Session) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of a session's constants, relative to its metadata."""
     error = LineError.of(settings.noise, MODES)
     constants = len(UNKNOWNS) - FORCE
@@ -131,7 +131,7 @@ def _posterior(settings: LineSettings, knowledge: Knowledge, session: _Session) 
 
 
 def _maximised(
-    settings: LineSettings,
+    settings: RodSettings,
     stated: Knowledge,
     knowledge: Knowledge,
     sessions: Sequence[_Session],

@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...types import BoolArray, DetectedShape, FloatArray, ForceEstimate, Status
 from .._builder import MAX_FORCE_N, implausible
 from ..uncertainty import GAUSS_90, ForceStrata, conformal_half_width, fit_strata, interval_basis
-from ._posterior import Mixed
+from ._mixture import Mixed
 
 _KNOWN = np.array([True, True, False])
 _KNOWN.setflags(write=False)

@@ -13,12 +13,10 @@ from ...mechanics import LineNoise
 from ...mechanics.planar import FORCE, UNKNOWNS, Model
 from ...types import ActuationInfo, FloatArray, SessionInfo
 from ._lines import POINTS, StatedErrors
-from ._settings import LineSettings, NoiseSettings, RodPriors
+from ._settings import NoiseSettings, RodPriors, RodSettings
 
 MODES = 6
-"""Number of error shapes of a session that are unknowns of `rod-track`; the rest counts as independent noise."""
-HELD = 1e12
-"""Information that holds an unknown, in 1/N^2: to a microlewton."""
+"""Number of error shapes of a session that are unknowns; the rest counts as independent noise."""
 NEEDED = ("catheter.flexible_length_m", "catheter.bending_stiffness_nm2")
 """Session metadata without which there is no rod."""
 
@@ -120,7 +118,7 @@ class Knowledge:
     sessions: int = 0
 
     @classmethod
-    def stated(cls, settings: LineSettings) -> Self:
+    def stated(cls, settings: RodSettings) -> Self:
         """Returns the knowledge that the settings state."""
         prior = settings.prior
         mean = np.zeros(len(UNKNOWNS) - FORCE)
@@ -134,7 +132,7 @@ class Knowledge:
         ]  # fmt: skip
         return cls(mean, np.diag(np.square(std)), prior.contact_share)
 
-    def for_session(self, settings: LineSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
+    def for_session(self, settings: RodSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of the constants at a knob angle; NaN: not known."""
         mean, covariance = self.constants.copy(), self.constants_covariance.copy()
         for at, std in stated_stds(info, settings.vision.view).items():

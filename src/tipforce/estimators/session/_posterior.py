@@ -1,0 +1,219 @@
+"""Posterior of the force from one line, where the session's constants and slow states have a Gaussian prior."""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...mechanics.planar import FORCE, Line, Model, fit_line, inverse, make_work, solve_in
+from ...types import FloatArray, SessionInfo
+from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
+from ._lines import POINTS, StatedErrors
+from ._mixture import Mixed, mixed_force
+from ._noise_level import noisier
+from ._settings import RodSettings
+from ._state import COUNT, K0, ROD, SessionState, X, fill_camera_modes, line_modes
+from ._walk import Fit, Session, make_scratch, relax, walk
+
+_START_N = 0.3
+"""Standard deviation of each component of the force in the fit from which the walk starts."""
+_COLD_STEPS, _STEPS, _FREE_STEPS = 60, 25, 8
+"""Largest number of steps; in contact no step makes a rod without force fit, so few are tried."""
+_LEAST_CONTACT = 0.01
+"""Where contact is less probable, a fit of contact that fails does not count."""
+_REFITS, _NOISY_MISFIT = 2, 1.5
+"""A line is fitted again with more noise, this often at most, while its mean square misfit is larger than this."""
+
+
+class Posterior(NamedTuple):
+    """``force``: see `Mixed`; ``misfit``: mean square, of the better hypothesis, in the noise's variances.
+
+    ``off``: mean square of the constants' distance from the priors of the session, in these priors' variances;
+    ``explained``: whether the rod explains the line; ``level``: of the noise relative to the stated one.
+    """
+
+    force: Mixed
+    misfit: float
+    off: float
+    explained: bool
+    level: float
+
+
+class Hypotheses(NamedTuple):
+    """The fits of one line without and with a force; ``found``: number of nodes of the walk along (``c``, ``s``)."""
+
+    free: Fit
+    free_q: FloatArray
+    free_factor: FloatArray
+    touch: Fit
+    touch_q: FloatArray
+    found: int
+    step_n: float
+    c: float
+    s: float
+
+
+class LinePosterior:
+    """Fits lines of a session; `solve` has the posterior of one line by the session's priors alone.
+
+    Args:
+        settings: the settings.
+        knowledge: knowledge of the constants beforehand.
+        model: the rod.
+        info: the session metadata.
+    """
+
+    def __init__(self, settings: RodSettings, knowledge: Knowledge, model: Model, info: SessionInfo) -> None:
+        self._settings, self._knowledge, self._model, self._info = settings, knowledge, model, info
+        self._scratch = make_scratch(make_work(model, POINTS, COUNT), COUNT)
+        self._cold_work = make_work(model, POINTS, ROD)
+        self._scale = self._factor = 0.0
+        self._prior_mean, self._prior_information = np.empty(0), np.empty((0, 0))
+        self._error, self._stated = LineError.of(settings.noise, MODES), None
+        self._whiten, self._modes, self._rows = np.empty(0), np.empty(0), POINTS + 1
+        self._shapes = {which: np.zeros(model.segments + 1) for which in ("free", "touch")}
+
+    def solve(self, line: Line, scale: float, knob_deg: float, stated: StatedErrors | None = None) -> Posterior:
+        """Returns the force from ``line`` alone; a line that fits badly is fitted again with the noise that it shows.
+
+        Args:
+            line: the line.
+            scale: metres per pixel.
+            knob_deg: reading of the knob; NaN: not known.
+            stated: vision's statements about the line.
+
+        Returns:
+            The force, and whether the rod explains the line.
+        """
+        self._scale, level = scale, 1.0
+        found = self._solve_at(level, line, knob_deg, stated)
+        for _ in range(_REFITS):
+            if not _NOISY_MISFIT < found.misfit < math.inf or level > self._settings.noise.max_level:
+                break
+            level = noisier(level, found.misfit)
+            found = self._solve_at(level, line, knob_deg, stated)
+        return found
+
+    def _solve_at(self, level: float, line: Line, knob_deg: float, stated: StatedErrors | None) -> Posterior:
+        state = self._new_state(knob_deg)
+        self._lay_out_noise(level, begins=True)
+        self._fill_noise(line, stated)
+        fits = self._fit(line, state, None)
+        return self._result(fits, self._force(fits, self._knowledge.contact_share))
+
+    def _new_state(self, knob_deg: float) -> SessionState:
+        """Returns the state of a session that begins."""
+        state = SessionState(self._settings, self._knowledge, self._info, knob_deg)
+        self._prior_mean = state.mean[FORCE:ROD].copy()
+        self._prior_information = inverse(np.ascontiguousarray(state.covariance[FORCE:ROD, FORCE:ROD]))[0]
+        return state
+
+    def _result(self, fits: Hypotheses, force: Mixed) -> Posterior:
+        """Checks the line and the constants together: the sum of their squares is that of as many errors as rows."""
+        chi2, q = min((fits.free.chi2, fits.free_q), (fits.touch.chi2, fits.touch_q), key=lambda each: each[0])
+        apart = q[FORCE:ROD] - self._prior_mean
+        squares = float(apart @ self._prior_information @ apart)
+        free_counts = fits.free.ok and force.contact < _LEAST_CONTACT
+        fits_well = chi2 + squares <= self._settings.max_misfit * self._rows
+        explained = fits_well and (fits.found > 0 or free_counts)
+        return Posterior(force, chi2 / self._rows, squares / len(apart), explained, self._factor)
+
+    def _lay_out_noise(self, level: float, *, begins: bool) -> None:
+        self._factor = level
+        error = LineError.of(self._settings.noise, MODES, level)
+        # the amplitudes of the modes are unknowns: their unit stays for the session
+        self._error = error if begins else replace(error, modes=self._error.modes)
+
+    def _fill_noise(self, line: Line, stated: StatedErrors | None) -> None:
+        self._stated, unit_m = stated, noise_unit_m(self._model, self._scale)
+        # a session in which the line is worse than the settings state is one in which vision's statement is too good
+        error = self._error.beside(stated, self._factor * self._scale / unit_m)
+        self._whiten, self._rows = error.whiten / unit_m, error.rows
+        self._modes = line_modes(error, unit_m)
+        fill_camera_modes(self._modes, line, self._model, self._settings)
+
+    def _session(self, state: SessionState) -> Session:
+        model, prior = self._model, self._settings.prior
+        return Session(
+            model, self._modes, self._whiten, state.gain_per_m_deg, state.knob_deg,
+            prior.friction * model.dome_m / model.stiffness_nm2, self._settings.huber, prior.largest_force_n,
+        )  # fmt: skip
+
+    def _fit(self, line: Line, state: SessionState, last_n: FloatArray | None) -> Hypotheses:
+        """``last_n`` (2,): force of the frame before, from whose shapes the fits start; None: they start cold."""
+        session, scratch = self._session(state), self._scratch
+        work, mean = scratch.rod, state.mean
+        information = np.zeros((COUNT, COUNT))
+        information[FORCE:, FORCE:] = inverse(np.ascontiguousarray(state.covariance[FORCE:, FORCE:]))[0]
+        if last_n is None:
+            starts = self._cold_starts(line, state)
+        else:
+            starts = mean.copy(), mean.copy()
+            starts[1][:FORCE] = last_n
+        free_q, touch_q = starts
+        free_q[:FORCE] = 0.0
+        work.theta[:] = self._shapes["free"]
+        free = relax(free_q, mean, information, session, line, FORCE, 0.0, _FREE_STEPS, scratch)
+        free_factor = work.factor.copy()
+        if free.ok:
+            self._shapes["free"] = work.theta.copy()
+        work.theta[:] = self._shapes["touch"]
+        touch = relax(touch_q, mean, information, session, line, 0, _START_N**-2, _STEPS, scratch)
+        if not touch.ok and free.ok:
+            touch_q = free_q.copy()
+            work.theta[:] = self._shapes["free"]
+            touch = relax(touch_q, mean, information, session, line, 0, _START_N**-2, _STEPS, scratch)
+        found, step_n, c, s = 0, 0.01, 1.0, 0.0
+        if touch.ok:
+            self._shapes["touch"] = work.theta.copy()
+            c, s, std_n = _weak_direction(work.factor)
+            found, step_n = walk(touch_q, mean, information, session, line, c, s, std_n, scratch)
+        return Hypotheses(free, free_q, free_factor, touch, touch_q, found, step_n, c, s)
+
+    def _cold_starts(self, line: Line, state: SessionState) -> tuple[FloatArray, FloatArray]:
+        """Fits the rod alone, without and with a force, from the straight rod on."""
+        prior_mean, covariance = state.rod_prior()
+        mean = np.concatenate([np.zeros(FORCE), prior_mean])
+        information = np.zeros((ROD, ROD))
+        information[FORCE:, FORCE:] = inverse(covariance)[0]
+        unit_m = noise_unit_m(self._model, self._scale)
+        error = LineError.of(self._settings.noise, 0, self._factor)
+        error = error.beside(self._stated, self._factor * self._scale / unit_m)
+        whiten = error.whiten / unit_m
+        q, result, nothing = mean.copy(), np.zeros((ROD, ROD)), np.zeros((POINTS + 1, 0))
+        q[X : X + 2] = line.points[0]
+        starts: list[FloatArray] = []
+        for which, std_n in (("free", 1e-6), ("touch", _START_N)):
+            information[:FORCE, :FORCE] = np.eye(FORCE) / std_n**2
+            fit_line(
+                q, mean, information, self._model, line, nothing, whiten, self._settings.huber, _COLD_STEPS, True,
+                self._cold_work, result,
+            )  # fmt: skip
+            self._shapes[which] = self._cold_work.theta.copy()
+            start = np.zeros(COUNT)
+            start[:ROD] = q
+            start[K0] -= state.gain_per_m_deg * state.knob_deg
+            starts.append(start)
+        return starts[0], starts[1]
+
+    def _force(self, fits: Hypotheses, share: float) -> Mixed:
+        angle = float(self._shapes["touch" if fits.found else "free"][-1])
+        return mixed_force(
+            fits.found, fits.step_n, fits.c, fits.s, angle, fits.free, math.log(share / (1.0 - share)),
+            self._settings.prior.largest_force_n, self._scratch,
+        )  # fmt: skip
+
+
+def _weak_direction(factor: FloatArray) -> tuple[float, float, float]:
+    """Returns the direction in which the force is known least, and its standard deviation there.
+
+    ``factor``: of the information with the force's y before its x, see `relax`.
+    """
+    columns = np.zeros((FORCE, COUNT))
+    for k in range(FORCE):
+        columns[k, k] = 1.0
+        solve_in(factor, columns[k])
+    covariance = columns[::-1, FORCE - 1 :: -1]
+    values, vectors = np.linalg.eigh(covariance)
+    return float(vectors[0, 1]), float(vectors[1, 1]), math.sqrt(float(values[1]))
