@@ -226,16 +226,23 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    for name in options.cases:
-        parts: list[FloatArray] = []
-        for number in range(options.sessions):
-            path = options.out / f"{name.replace(' ', '-').replace(',', '')}-{options.seed}-{number}.json"
+    parts: dict[str, list[FloatArray]] = {name: [] for name in options.cases}
+    for number in range(options.sessions):
+        sessions: dict[tuple[float, float] | None, TrueSession] = {}
+        for name in options.cases:
+            path = (
+                options.out
+                / f"{name.replace(' ', '-').replace(',', '').replace('/', '-')}-{options.seed}-{number}.json"
+            )
             if not path.exists():
                 case = CASES[name]
-                session = true_session(options.seed, number, options.seconds, case.peak_n)
-                path.write_text(json.dumps(rows_of(session, case, (options.seed, number))))
-            parts.append(np.array(json.loads(path.read_text())))
-        rows = np.concatenate(parts)
+                if case.peak_n not in sessions:
+                    sessions[case.peak_n] = true_session(options.seed, number, options.seconds, case.peak_n)
+                path.write_text(json.dumps(rows_of(sessions[case.peak_n], case, (options.seed, number))))
+            parts[name].append(np.array(json.loads(path.read_text())))
+            print(line(f"{number} {name}", parts[name][-1]), flush=True)
+    for name, found in parts.items():
+        rows = np.concatenate(found)
         print(line(name, rows), flush=True)
         if name in ("base", "large forces"):
             print("\n".join(strata(rows)), flush=True)
