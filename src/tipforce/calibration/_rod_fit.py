@@ -61,7 +61,6 @@ class RodFit:
             line, the turn (rad), the tare (2,) (N) and the clock offset (s).
         covariance: covariance of ``mean``.
         prior_std: standard deviations before the fit.
-        forces_n: (n, 2) force of each frame.
         precurvature_per_m: (n,) pre-curvature of each frame.
         misfit: mean square of the whitened residual; 1 if the lines differ from the rod by their noise.
         force_std_n: standard deviation of the difference between sensor and rod.
@@ -75,7 +74,6 @@ class RodFit:
     mean: FloatArray
     covariance: FloatArray
     prior_std: FloatArray
-    forces_n: FloatArray
     precurvature_per_m: FloatArray
     misfit: float
     force_std_n: float
@@ -97,11 +95,6 @@ class RodFit:
     def prior(self, name: str) -> float:
         """Returns its standard deviation before the fit."""
         return float(self.prior_std[UNKNOWNS.index(name) - FORCE])
-
-    def remaining_share(self, name: str) -> float:
-        """Returns the ratio of the standard deviations after and before the fit: 1 without information."""
-        at = UNKNOWNS.index(name) - FORCE
-        return self.std(name) / float(self.prior_std[at])
 
     @property
     def turn_rad(self) -> float:
@@ -133,13 +126,11 @@ def fit_rod(
     *,
     past_n: FloatArray | None = None,
     rate_n_per_s: FloatArray | None = None,
-    precurvature_std_per_m: float | None = None,
     turn_rad: float = 0.0,
     turn_std_rad: float = math.radians(2.0),
     tare_std_n: float = 3e-3,
     late_std_s: float = 1e-3,
     drift_per_m: float | None = None,
-    held: Sequence[str] = (),
     settings: RodSettings | None = None,
 ) -> RodFit:
     """Fits the rod of ``info`` to the lines of one session.
@@ -152,13 +143,11 @@ def fit_rod(
         precurvature_per_m: (n,) pre-curvature that the knob sets; the fit finds an offset to all of them.
         past_n: (n, 2) mean of the preceding forces over the time constant of creep; None: no creep.
         rate_n_per_s: (n, 2) rate of the force; None: 0.
-        precurvature_std_per_m: standard deviation of the offset; None: that of the rod estimators' prior.
         turn_rad: turn of the sensor at which the fit starts.
         turn_std_rad: standard deviation of the stated angle.
         tare_std_n: standard deviation of the remaining tare.
         late_std_s: standard deviation of the clock offset.
         drift_per_m: standard deviation of a frame's pre-curvature about the session's; None: a hundredth of it.
-        held: those of `UNKNOWNS` that are not fitted but kept at their prior mean.
         settings: priors and noise.
 
     Returns:
@@ -180,9 +169,7 @@ def fit_rod(
             prior[at] = std
     prior[_TURN:] = turn_std_rad, tare_std_n, tare_std_n, late_std_s
     play = abs(info.actuation.knob_gain_per_m_deg or 0.0) * settings.prior.knob_play_deg / math.sqrt(12.0)
-    prior[0] = precurvature_std_per_m or math.hypot(prior[0], play)
-    for name in held:
-        prior[UNKNOWNS.index(name) - FORCE] = 1e-9
+    prior[0] = math.hypot(prior[0], play)
     drift = np.maximum(MIN_DRIFT_PER_M, DRIFT_SHARE * np.abs(precurvature_per_m))
     if drift_per_m is not None:
         drift = np.full(len(lines), drift_per_m)
@@ -195,7 +182,7 @@ def fit_rod(
     start[_TURN] = turn_rad
     if not lines:  # returns the prior
         none = np.zeros(0)
-        return RodFit(mean, np.diag(prior**2), prior, np.zeros((0, FORCE)), none, math.nan, MIN_FORCE_STD_N, 0.0, 0,
+        return RodFit(mean, np.diag(prior**2), prior, none, math.nan, MIN_FORCE_STD_N, 0.0, 0,
                       True, np.zeros(0, np.int64), none)  # fmt: skip
     start[_BASE : _BASE + 2] = np.median([line.points[0] for line in lines], axis=0)
     return problem.solve(start)
@@ -291,7 +278,7 @@ class _Problem:
             shared, own, state, converged = self._descend(shared, own, 1.0)
         covariance = np.linalg.inv(state[1]) * max(1.0, self._misfit)
         return RodFit(
-            shared, 0.5 * (covariance + covariance.T), self._prior, own[:, :FORCE],
+            shared, 0.5 * (covariance + covariance.T), self._prior,
             self._k0 + shared[0] + own[:, FORCE], self._misfit, self._force_std, state[0],
             len(self._lines), converged, self._kept, np.sqrt([inverse[FORCE, FORCE] for inverse, *_ in state[3]]),
         )  # fmt: skip

@@ -130,12 +130,16 @@ class Growing(ABC):
         return values  # pyright: ignore[reportUnknownVariableType]
 
     @abstractmethod
+    def _about(self, number: int) -> Mapping[str, Any]:
+        """Returns the values of `about` for a session that was added. Raises FileFormatError."""
+
     def session_info(self, number: int) -> SessionInfo:
         """Returns the metadata of a session that was added."""
+        return SessionInfo.from_values(self._about(number)["session_info"])
 
-    @abstractmethod
     def view(self) -> str:
         """Returns the name of the only view; "camera" if there are several."""
+        return self._about(0)["view"]
 
     @abstractmethod
     def gather(self) -> None:
@@ -160,14 +164,9 @@ def put(path: Path, data: bytes) -> None:
 
 
 def about(samples: SessionSamples) -> dict[str, Any]:
-    """Returns the values for `context_of` and `view`, as JSON values."""
+    """Returns metadata and view of a session, as JSON values."""
     views = list(samples.images)
     return {"session_info": samples.session_info.values(), "view": views[0] if len(views) == 1 else "camera"}
-
-
-def context_of(known: Mapping[str, Any]) -> SessionInfo:
-    """Returns the session metadata from the result of `about`."""
-    return SessionInfo.from_values(known["session_info"])
 
 
 def as_json(values: Mapping[str, Any]) -> bytes:
@@ -220,13 +219,8 @@ class GrowingImages(Growing):
             read_json(self._part(number), max_bytes=_MAX_PART_BYTES, remedy=_REMEDY), number, "columns", "rows"
         )
 
-    def session_info(self, number: int) -> SessionInfo:
-        """Returns the metadata of a session that was added."""
-        return context_of(self._read(number))
-
-    def view(self) -> str:
-        """Returns the name of the only view; "camera" if there are several."""
-        return self._read(0)["view"]
+    def _about(self, number: int) -> Mapping[str, Any]:
+        return self._read(number)
 
     def gather(self) -> None:
         """Writes all rows into ``metadata.csv``."""
@@ -306,14 +300,6 @@ class GrowingShards(Growing):
         path = self._part(number)
         metadata: Mapping[bytes, bytes] = arrow()[1].read_schema(path).metadata or {}
         return self._checked(parse_json(metadata.get(_ABOUT_KEY, b""), str(path), _REMEDY), number)
-
-    def session_info(self, number: int) -> SessionInfo:
-        """Returns the metadata of a session that was added."""
-        return context_of(self._about(number))
-
-    def view(self) -> str:
-        """Returns the name of the only view; "camera" if there are several."""
-        return self._about(0)["view"]
 
     def gather(self) -> None:
         """Writes shard by shard; the files of the sessions are removed when their shard is complete."""

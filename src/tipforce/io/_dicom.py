@@ -146,7 +146,9 @@ def _frames(path: Path, view: str) -> Iterator[Frame]:
         raise FileFormatError(f"{path}: holds signed pixels, whose black is not stated; save it with unsigned ones")
     found = 0
     try:
-        for pixels in _decoded(data):  # one by one: together they may be a thousand times as large as the file
+        for pixels in importlib.import_module("pydicom.pixels").iter_pixels(
+            data
+        ):  # one by one: together they may be a thousand times as large as the file
             if found == count or pixels.ndim != (3 if coloured else 2):
                 raise ValueError(f"more than {count} frames" if found == count else f"{pixels.ndim} dimensions")
             image = _eight_bit(pixels, stored, str(data.PhotometricInterpretation))
@@ -156,11 +158,6 @@ def _frames(path: Path, view: str) -> Iterator[Frame]:
             raise ValueError(f"{found} of {count} frames")
     except Exception as error:  # see `_checked_count`
         raise FileFormatError(f"{path}: its images cannot be decoded ({error}); save it uncompressed") from None
-
-
-def _decoded(data: Any) -> Iterator[npt.NDArray[Any]]:
-    pixels: Any = importlib.import_module("pydicom.pixels")
-    yield from pixels.iter_pixels(data)
 
 
 def _eight_bit(pixels: npt.NDArray[Any], stored: int, shown: str) -> Image:

@@ -5,8 +5,8 @@ Each fact is one metadata record of the file, and all its values are text.
 
 import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -76,45 +76,17 @@ class ClockMap:
 
     def record(self) -> dict[str, str]:
         """Returns the metadata record."""
-        return {
-            "offset_ns": str(self.offset_ns),
-            "how": self.how,
-            "stderr_ms": repr(float(self.stderr_ms)),
-            "explained": repr(float(self.explained)),
-            "detail": self.detail,
-            "rate": repr(float(self.rate)),
-            "rate_stderr": repr(float(self.rate_stderr)),
-            "reference_ns": str(self.reference_ns),
-            "meaning": "camera time = force stamp + offset_ns + (rate - 1) (force stamp - reference_ns)",
-        }
+        return _texts(self, "camera time = force stamp + offset_ns + (rate - 1) (force stamp - reference_ns)")
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "ClockMap":
         """Inverts `record`; the rate of older recordings is 1. Raises ValueError."""
-        how = record.get("how", "none")
-        return cls(
-            offset_ns=int(record.get("offset_ns", "0")),
-            how=how if how in ("estimated", "stated", "stage", "refused") else "none",
-            stderr_ms=float(record.get("stderr_ms", "nan")),
-            explained=float(record.get("explained", "nan")),
-            detail=record.get("detail", ""),
-            rate=_rate(record),
-            rate_stderr=float(record.get("rate_stderr", "nan")),
-            reference_ns=int(record.get("reference_ns", "0")),
-        )
+        return cls(**_values(cls, record, ("estimated", "stated", "stage", "refused")))
 
 
 def _stretched(elapsed_ns: IntArray, rate: float) -> IntArray:
     """Returns the (n,) ns by which a clock of ``rate`` gains in ``elapsed_ns`` (n,)."""
     return np.rint(elapsed_ns * (rate - 1.0)).astype(np.int64) if rate != 1.0 else np.zeros_like(elapsed_ns)
-
-
-def _rate(record: Mapping[str, str]) -> float:
-    """Returns the rate that ``record`` states; 1 in older recordings. Raises ValueError."""
-    rate = float(record.get("rate", "1.0"))
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise ValueError(f"rate: expected a positive number, got {rate}")
-    return rate
 
 
 def _zeros() -> FloatArray:
@@ -141,30 +113,18 @@ class Tare:
 
     def __post_init__(self) -> None:
         for name, value in (("force_n", self.force_n), ("stderr_n", self.stderr_n)):
-            object.__setattr__(self, name, frozen(name, np.round(value, _DIGITS), (3,)))
+            object.__setattr__(self, name, frozen(name, np.round(np.asarray(value, np.float64), _DIGITS), (3,)))
 
     def record(self) -> dict[str, str]:
         """Returns the metadata record."""
-        return {
-            "force_n": json.dumps(self.force_n.tolist()),
-            "stderr_n": json.dumps(self.stderr_n.tolist()),
-            "stretches_s": json.dumps(self.stretches_s),
-            "how": self.how,
-            "detail": self.detail,
-            "meaning": "subtract force_n from every reading, before any rotation",
-        }
+        return _texts(self, "subtract force_n from every reading, before any rotation")
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "Tare":
         """Inverts `record`. Raises ValueError, TypeError or FileFormatError."""
-        how = record.get("how", "none")
-        return cls(
-            force_n=np.array(_value(record, "force_n", "[0, 0, 0]"), np.float64),
-            stderr_n=np.array(_value(record, "stderr_n", "[NaN, NaN, NaN]"), np.float64),
-            stretches_s=tuple((float(a), float(b)) for a, b in _value(record, "stretches_s", "[]")),
-            how=how if how in ("stated", "detected") else "none",
-            detail=record.get("detail", ""),
-        )
+        values = _values(cls, record, ("stated", "detected"))
+        stretches = tuple((float(start), float(end)) for start, end in values.pop("stretches_s", ()))
+        return cls(**values, stretches_s=stretches)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,36 +167,64 @@ class Inertia:
 
     def record(self) -> dict[str, str]:
         """Returns the metadata record."""
-        return {
-            "axes": json.dumps(self.axes),
-            "gain_kg": json.dumps(self.gain_kg.tolist()),
-            "lag_ns": str(self.lag_ns),
-            "how": self.how,
-            "detail": self.detail,
-            "rate": repr(float(self.rate)),
-            "reference_ns": str(self.reference_ns),
-            "beat_hz": repr(float(self.beat_hz)),
-            "beat_n": json.dumps(self.beat_n.tolist()),
-            "meaning": "subtract the sum over axes of gain_kg x acceleration of the stage at force stamp + lag_ns "
-            "+ (rate - 1) (force stamp - reference_ns), and the sum over k of beat_n[k - 1] . (cos, sin)(2 pi k "
-            "beat_hz (force stamp - reference_ns))",
-        }
+        return _texts(
+            self,
+            "subtract the sum over axes of gain_kg x acceleration of the stage at force stamp + lag_ns + (rate - 1) "
+            "(force stamp - reference_ns), and the sum over k of beat_n[k - 1] . (cos, sin)(2 pi k beat_hz (force "
+            "stamp - reference_ns))",
+        )
 
     @classmethod
     def of(cls, record: Mapping[str, str]) -> "Inertia":
         """Inverts `record`. Raises ValueError, TypeError or FileFormatError."""
-        axes = tuple(str(name) for name in _value(record, "axes", "[]"))
-        return cls(
-            axes=axes,
-            gain_kg=np.array(_value(record, "gain_kg", "[]"), np.float64).reshape(len(axes), 3),
-            lag_ns=int(record.get("lag_ns", "0")),
-            how="estimated" if record.get("how") == "estimated" else "none",
-            detail=record.get("detail", ""),
-            rate=_rate(record),
-            reference_ns=int(record.get("reference_ns", "0")),
-            beat_hz=float(record.get("beat_hz", "0")),
-            beat_n=np.array(_value(record, "beat_n", "[]"), np.float64).reshape(-1, 2, 3),
-        )
+        values = _values(cls, record, ("estimated",))
+        axes = tuple(map(str, values.pop("axes", ())))
+        gain_kg = np.array(values.pop("gain_kg", ()), np.float64).reshape(len(axes), 3)
+        beat_n = np.array(values.pop("beat_n", ()), np.float64).reshape(-1, 2, 3)
+        return cls(axes, gain_kg, beat_n=beat_n, **values)
+
+
+def _texts(fact: "ClockMap | Inertia | Tare", meaning: str) -> dict[str, str]:
+    """Returns the metadata record of a fact: each field as text, and the meaning of the record."""
+    texts: dict[str, str] = {}
+    for each in fields(fact):
+        value = getattr(fact, each.name)
+        if isinstance(value, str | int):
+            texts[each.name] = str(value)
+        elif isinstance(value, float):
+            texts[each.name] = repr(float(value))
+        else:
+            texts[each.name] = json.dumps(value.tolist() if isinstance(value, np.ndarray) else value)
+    return {**texts, "meaning": meaning}
+
+
+def _values(kind: type, record: Mapping[str, str], hows: Sequence[str]) -> dict[str, Any]:
+    """Returns the fields of a fact that a metadata record states.
+
+    Args:
+        kind: class of the fact.
+        record: its metadata record; an older one lacks fields.
+        hows: values of its field ``how``; another one becomes "none".
+
+    Raises:
+        ValueError, FileFormatError: a text is no value of its field.
+    """
+    values: dict[str, Any] = {}
+    for each in fields(kind):
+        text = record.get(each.name)
+        if text is None:
+            continue
+        if isinstance(each.default, str):
+            values[each.name] = text
+        elif isinstance(each.default, int | float):
+            values[each.name] = type(each.default)(text)
+        else:
+            values[each.name] = parse_json(text, each.name)
+    values["how"] = values["how"] if values.get("how") in hows else "none"
+    rate = values.get("rate", 1.0)
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise ValueError(f"rate: expected a positive number, got {rate}")
+    return values
 
 
 Fact = ClockMap | ForcePlausibility | Inertia | Tare
@@ -305,8 +293,3 @@ def fact_from(kind: Callable[[Mapping[str, str]], _T], record: Mapping[str, str]
         return kind(record)
     except (ValueError, TypeError, OverflowError, FileFormatError) as error:
         raise FileFormatError(f"{where}: its metadata record {name} cannot be read ({error}); {_REMEDY}") from None
-
-
-def _value(record: Mapping[str, str], key: str, default: str) -> Any:
-    """Returns the JSON value that a record states for ``key``."""
-    return parse_json(record.get(key, default), key)

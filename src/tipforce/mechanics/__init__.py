@@ -14,7 +14,6 @@ from .models import (
     PseudoRigidBody,
     RigidLinks,
     RodModel,
-    RodShape,
 )
 from .planar import PlanarRod
 from .spatial import (
@@ -46,7 +45,6 @@ __all__ = [
     "PseudoRigidBody",
     "RigidLinks",
     "RodModel",
-    "RodShape",
     "SpatialContact",
     "SpatialContactSolver",
     "SpatialRod",

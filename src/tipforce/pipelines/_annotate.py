@@ -1,7 +1,7 @@
 """Annotates the catheter in frames that differ, and fine-tunes the detector on them."""
 
 import os
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import date
 from pathlib import Path
@@ -30,6 +30,7 @@ from ..annotation import (
     write_marks,
 )
 from ..errors import InputError
+from ..estimators import Progress, no_progress
 from ..io import atomic_text
 from ..types import DetectedShape, Image, SessionInfo, edited_bench
 from ..vision import SessionDetector, VisionSettings
@@ -42,7 +43,6 @@ DETECTOR_FOLDER = "detector"
 """Folder of the fine-tuned detector, beside ``bench.toml`` or the recording."""
 FACTS = "detector.json"
 """A folder of this name with this file in it is replaced by the next training; another one is not."""
-Progress = Callable[[str, float], None]
 
 
 class AnnotateSettings(BaseModel):
@@ -147,7 +147,7 @@ class AnnotationJob:
         frames = self.finished
         check_enough(frames)
         images = self._read([frame.image for frame in frames])
-        return self._fine_tune([frame.annotation() for frame in frames], images, progress or _silent)
+        return self._fine_tune([frame.annotation() for frame in frames], images, progress or no_progress)
 
     @contextmanager
     def serve(
@@ -172,7 +172,7 @@ class AnnotationJob:
         """
         from ..annotation import serve_annotation
 
-        report = progress or _silent
+        report = progress or no_progress
         with output_lock(self.store.file):
             self._choose(count, report)
             names = list(self.store.frames)
@@ -234,10 +234,6 @@ class AnnotationJob:
         if self._bench_file is not None:
             name_detector(self._bench_file, self._vision.view, self.detector)
         return trained
-
-
-def _silent(step: str, share: float) -> None:
-    del step, share
 
 
 def name_detector(bench: Path, view: str, detector: Path) -> None:

@@ -112,16 +112,6 @@ class Truth:
     side_force_n: FloatArray | None = None
     others: Mapping[str, ViewTruth] = field(default_factory=dict[str, ViewTruth])
 
-    @property
-    def force_camera_n(self) -> FloatArray:
-        """(n, 3): of the tissue on the tip, camera frame (u, v, away from the camera)."""
-        return self.camera_from_base.rotate(self.force_n)
-
-    @property
-    def force_sensor_n(self) -> FloatArray:
-        """(n, 3): of the tip on the tissue, in the sensor's true frame."""
-        return -self.sensor_from_base.rotate(self.force_n)
-
     def base(self, index: int) -> BasePose:
         """Returns the base frame in the image of frame ``index``."""
         line = self.centreline_px[index]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import cached_property
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -12,86 +12,14 @@ from ..geometry import CameraModel
 from ..types import FloatArray, Image, IntArray, ViewInfo
 from ._fields import standard_uncertainty
 from ._settings import AnySimulationSettings, FluoroSettings, SimulationSettings
-from .rendering.camera import CameraRenderer, CameraScene, Framing, ImageTruth, TissueHome, TissueState, sample_scene
-from .rendering.fluoroscope import Pulse, XrayRenderer, XrayScene, sample_xray_scene
+from .rendering.camera import CameraRenderer, Framing, ImageTruth, TissueHome, TissueState, sample_scene
+from .rendering.fluoroscope import Pulse, XrayRenderer, sample_xray_scene
 from .world import APPROACH_S, BenchModel, Session
 
 Exposed = Callable[[float, float, int], tuple[FloatArray, TissueState]]
 """Middle of an exposure and its length in seconds, number of instants -> shapes (m, n, 3) and the tissue."""
 _CAMERA_EXPOSURE_INSTANTS, _XRAY_EXPOSURE_INSTANTS = 9, 5
 _KEPT_PULSES = 16
-
-
-class Imaging(Protocol):
-    """Draws the images of a session."""
-
-    @property
-    def views(self) -> tuple[str, ...]:
-        """Names of the views; the first is the default."""
-        ...
-
-    @property
-    def scene(self) -> CameraScene | XrayScene:
-        """The drawn scene."""
-        ...
-
-    @property
-    def jpeg_quality(self) -> int:
-        """JPEG quality of the recorded images, 1 to 100."""
-        ...
-
-    @property
-    def exposure_s(self) -> float:
-        """Length of one exposure."""
-        ...
-
-    def camera(self, view: str) -> CameraModel:
-        """Returns the true camera model of a view; world = base frame."""
-        ...
-
-    def image(self, view: str, index: int) -> Image:
-        """Returns an image.
-
-        Args:
-            view: one of `views`.
-            index: number of the image, 0 to n - 1.
-
-        Returns:
-            (h, w) or (h, w, 3) image, 8 bits.
-        """
-        ...
-
-    def truth(self, view: str, index: int) -> ImageTruth:
-        """Returns the ground truth of an image.
-
-        Args:
-            view: one of `views`.
-            index: number of the image, 0 to n - 1.
-
-        Returns:
-            The catheter in the image.
-        """
-        ...
-
-    def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
-        """Returns the scale as a person at the bench measures it."""
-        ...
-
-    def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
-        """Returns the metadata of a view that a person at the bench would know.
-
-        Args:
-            view: one of `views`.
-            metres_per_px: measured scale, see `measured_scale_m_per_px`.
-
-        Returns:
-            The metadata of the view.
-        """
-        ...
-
-    def values(self) -> dict[str, Any]:
-        """Returns the true parameters of the images, for the ground truth only."""
-        ...
 
 
 def view_names(settings: AnySimulationSettings) -> tuple[str, ...]:
@@ -104,34 +32,6 @@ def view_delays_s(settings: AnySimulationSettings) -> dict[str, float]:
     names = view_names(settings)
     delay_s = settings.view_delay_s if isinstance(settings, FluoroSettings) else 0.0
     return {name: delay_s if place else 0.0 for place, name in enumerate(names)}
-
-
-def make_imaging(
-    settings: AnySimulationSettings,
-    session: Session,
-    rngs: tuple[np.random.Generator, np.random.Generator],
-    exposed: Exposed,
-    times_s: FloatArray,
-    kept: IntArray,
-    first_frame: int = 0,
-) -> Imaging:
-    """Makes the imaging of a session: a camera or a fluoroscope.
-
-    Args:
-        settings: settings of the bench.
-        session: the session.
-        rngs: random numbers of the session's bench, and of its catheter.
-        exposed: gives the shapes and the tissue during an exposure.
-        times_s: (m,) middle of all exposures.
-        kept: (n,) indices of the exposures that became images.
-        first_frame: number of the camera's first image in this session; the noise of an image follows from its number.
-
-    Returns:
-        The imaging, which draws each image when it is needed.
-    """
-    if isinstance(settings, FluoroSettings):
-        return XrayImaging(settings, session.bench_model, rngs, exposed, times_s, kept)
-    return CameraImaging(settings, session, rngs, exposed, times_s[kept], first_frame)
 
 
 _MAX_FRAMING_INSTANTS = 400
@@ -452,3 +352,35 @@ class XrayImaging:
             "isocentre_from_base": np.column_stack([pose.rotation, pose.translation_m]).tolist(),
             "photons": [view.beam.photons for view in self.scene.views],
         }
+
+
+Imaging = CameraImaging | XrayImaging
+"""Draws the images of a session."""
+
+
+def make_imaging(
+    settings: AnySimulationSettings,
+    session: Session,
+    rngs: tuple[np.random.Generator, np.random.Generator],
+    exposed: Exposed,
+    times_s: FloatArray,
+    kept: IntArray,
+    first_frame: int = 0,
+) -> Imaging:
+    """Makes the imaging of a session: a camera or a fluoroscope.
+
+    Args:
+        settings: settings of the bench.
+        session: the session.
+        rngs: random numbers of the session's bench, and of its catheter.
+        exposed: gives the shapes and the tissue during an exposure.
+        times_s: (m,) middle of all exposures.
+        kept: (n,) indices of the exposures that became images.
+        first_frame: number of the camera's first image in this session; the noise of an image follows from its number.
+
+    Returns:
+        The imaging, which draws each image when it is needed.
+    """
+    if isinstance(settings, FluoroSettings):
+        return XrayImaging(settings, session.bench_model, rngs, exposed, times_s, kept)
+    return CameraImaging(settings, session, rngs, exposed, times_s[kept], first_frame)

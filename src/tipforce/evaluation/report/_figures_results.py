@@ -30,6 +30,8 @@ from ._style import (
 
 _TRACE = 900
 """Samples of a session that a time trace shows."""
+SCATTER_IN, SCATTER_HEIGHT_IN = 5.6, 5.3
+"""Width and height of the scatter plot."""
 
 
 def figure_trace(
@@ -100,17 +102,8 @@ def _truth_of(part: Predictions, truth_n: FloatArray, quantity: str) -> FloatArr
     return np.sqrt(np.sum(true[:, known] ** 2, axis=1))
 
 
-def figure_scatter(predictions: Predictions, *, width_in: float = 5.6, height_in: float = 5.3) -> Figure:
-    """Plots estimated over measured magnitude of all test samples, with the identity line and the force window.
-
-    Args:
-        predictions: Predictions of one method.
-        width_in: Width in inches.
-        height_in: Height in inches.
-
-    Returns:
-        The figure.
-    """
+def figure_scatter(predictions: Predictions) -> Figure:
+    """Plots estimated over measured magnitude of all test samples, with the identity line and the force window."""
     reference, estimate, _ = predictions.column("magnitude")
     largest = max(float(np.nanmax(estimate, initial=0.0)), float(np.max(reference, initial=0.0)))
     top = max(1.04 * largest, 1.1 * LIMIT_N)
@@ -134,8 +127,7 @@ def figure_scatter(predictions: Predictions, *, width_in: float = 5.6, height_in
         grams_axis(axes)
         legend_above(axes)
 
-    title = f"{predictions.method}: all {len(predictions)} samples"
-    return make_figure(draw, title, width_in, height_in)
+    return make_figure(draw, f"{predictions.method}: all {len(predictions)} samples", SCATTER_IN, SCATTER_HEIGHT_IN)
 
 
 def _step(top: float) -> float:
@@ -242,16 +234,13 @@ def figure_coverage(
     return make_figure(draw, title, width_in)
 
 
-def figure_retention(
-    curves: Mapping[str, Mapping[str, Any]], constant: str, title: str, *, width_in: float = WIDE_IN
-) -> Figure:
+def figure_retention(curves: Mapping[str, Mapping[str, Any]], constant: str, title: str) -> Figure:
     """Plots the mean error of the kept estimates over the share of the samples left out, the least certain ones first.
 
     Args:
         curves: Method -> result of `retention`.
         constant: Name among them of the constant predictor, which is drawn in grey.
         title: Title of the figure.
-        width_in: Width in inches.
 
     Returns:
         The figure.
@@ -278,7 +267,7 @@ def figure_retention(
         grams_axis(axes)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
 
-    return make_figure(draw, title, width_in)
+    return make_figure(draw, title, WIDE_IN)
 
 
 def _stratum(low: float, high: float) -> str:

@@ -5,7 +5,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO
 
@@ -193,18 +193,7 @@ def text_layout(path: Path, *, comments: bool, log: LogInfo | None, key: str) ->
             "export the columns that are needed"
         )
     found = _layout(path, _alternatives(path, lines, candidates, default, comments), default, log, key)
-    return Layout(
-        found.header,
-        found.separator,
-        found.above,
-        found.decimal_comma,
-        found.thousands,
-        found.pairs,
-        comments,
-        encoding,
-        found.units,
-        found.facts,
-    )
+    return replace(found, comments=comments, encoding=encoding)
 
 
 def _alternatives(

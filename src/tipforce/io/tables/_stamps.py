@@ -3,13 +3,16 @@
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
 from ...errors import TableError, TimeError
 from ...types import FloatArray, IntArray
 from ._dates import FIRST_YEAR, LAST_YEAR, AmbiguousDates, DateOutside, NoDate, is_time_text, parse_times
+
+if TYPE_CHECKING:
+    from ._table import Table
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 TIME_UNITS: dict[str, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
@@ -37,20 +40,6 @@ _UNITS: dict[str, TimeUnit] = {
 _YEAR_2001_S, _YEAR_2038_S = 1e9, 2**31
 PLAUSIBLE_RATE_HZ = (0.01, 1e5)
 """Plausible rows per second of a log."""
-
-
-class _Rows(Protocol):
-    path: Path
-
-    @property
-    def columns(self) -> tuple[str, ...]: ...
-
-    def place(self, row: int) -> str: ...
-    def text(self, name: str) -> list[str]: ...
-    def numbers(self, name: str, *, may_be_empty: bool = False) -> FloatArray: ...
-    def matrix(self, names: Sequence[str]) -> FloatArray: ...
-    def whole_numbers(self, name: str) -> IntArray | None: ...
-    def first(self, name: str) -> str: ...
 
 
 def time_columns(columns: Sequence[str]) -> tuple[str, ...]:
@@ -93,7 +82,7 @@ def unit_since_1970(values: FloatArray) -> TimeUnit | None:
     return None
 
 
-def column_ns(table: _Rows, names: Sequence[str], unit: TimeUnit | None) -> IntArray:
+def column_ns(table: "Table", names: Sequence[str], unit: TimeUnit | None) -> IntArray:
     """Returns the stamps of a table in which every row has a time.
 
     Args:
@@ -111,21 +100,21 @@ def column_ns(table: _Rows, names: Sequence[str], unit: TimeUnit | None) -> IntA
     if len(names) > 1:
         seconds, nanoseconds = table.whole_numbers("sec"), table.whole_numbers("nanosec")
         if seconds is not None and nanoseconds is not None:
-            return held(table.path, seconds, 1_000_000_000) + nanoseconds
+            return numbers_ns(table.path, seconds, "s") + nanoseconds
         pair = table.matrix(["sec", "nanosec"])
-        return held(table.path, np.rint(pair[:, 0] * 1e9 + pair[:, 1]), 1)
+        return numbers_ns(table.path, pair[:, 0] * 1e9 + pair[:, 1], "ns")
     name = names[0]
     if is_time_text(table.first(name)):
         return dates_ns(table, name, table.text(name), None, "correct the row or remove it")
     if unit is None:
         raise TableError(f"{table.path}: the column {name!r} does not name its unit; call it {name}_s, _ms or _ns")
     whole = table.whole_numbers(name)
-    if whole is not None:
-        return held(table.path, whole, TIME_UNITS[unit])
-    return held(table.path, np.rint(table.numbers(name) * TIME_UNITS[unit]), 1)
+    return numbers_ns(table.path, table.numbers(name) if whole is None else whole, unit)
 
 
-def numbers_ns(path: Path, values: FloatArray | IntArray, unit: TimeUnit, remedy: str) -> IntArray:
+def numbers_ns(
+    path: Path, values: FloatArray | IntArray, unit: TimeUnit, remedy: str = "check the unit of its times"
+) -> IntArray:
     """Converts numbers to nanoseconds; whole numbers exactly.
 
     Args:
@@ -138,27 +127,11 @@ def numbers_ns(path: Path, values: FloatArray | IntArray, unit: TimeUnit, remedy
         (n,) times in ns.
 
     Raises:
-        TimeError: no recording can hold them.
-    """
-    if values.dtype == np.int64:
-        return held(path, values, TIME_UNITS[unit], remedy)
-    return held(path, np.rint(values * TIME_UNITS[unit]), 1, remedy)
-
-
-def held(
-    path: Path, values: IntArray | FloatArray, factor: int, remedy: str = "check the unit of its times"
-) -> IntArray:
-    """Returns times in whole nanoseconds.
-
-    Args:
-        path: the file, for the message.
-        values: (n,) times.
-        factor: length of their unit in ns.
-        remedy: the advice in the message.
-
-    Raises:
         TimeError: no recording can hold them: they are past the year 2038.
     """
+    factor = TIME_UNITS[unit]
+    if values.dtype != np.int64:
+        values, factor = np.rint(values * factor), 1
     most_s = float(np.abs(values).max()) * factor * 1e-9 if len(values) else 0.0
     if most_s >= MAX_STAMP_S:
         raise TimeError(f"{path}: holds a time of {most_s:.4g} s, past the year 2038; {remedy}")
@@ -166,7 +139,7 @@ def held(
 
 
 def dates_ns(
-    table: _Rows,
+    table: "Table",
     column: str,
     cells: Sequence[str],
     order: Literal["dmy", "mdy", "ymd"] | None,

@@ -2,7 +2,7 @@
 
 from ._beams import LargeDeflection, LinearBeam
 from ._chain_models import ConstantCurvature, MassSpring, RigidLinks
-from ._interface import PolylineShape, RodModel, RodShape
+from ._interface import PolylineShape, RodModel
 from ._pseudo_rigid_body import PseudoRigidBody
 
 __all__ = [
@@ -14,5 +14,4 @@ __all__ = [
     "PseudoRigidBody",
     "RigidLinks",
     "RodModel",
-    "RodShape",
 ]

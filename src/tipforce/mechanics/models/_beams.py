@@ -11,6 +11,7 @@ from ..planar import PlanarRod
 from ._interface import (
     CATHETER_7F_M,
     PolylineShape,
+    RodModel,
     curvature_at,
     first_share,
     mean_curvature,
@@ -21,7 +22,7 @@ from ._interface import (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinearBeam:
+class LinearBeam(RodModel):
     """Bernoulli-Euler frame elements, linear about the unloaded shape; stiffness = slope of the moment there.
 
     ``elements`` straight two-node elements with cubic deflection and a stretch stiffness EA = 16 EI / d^2, that of a
@@ -64,14 +65,8 @@ class LinearBeam:
         object.__setattr__(self, "_rest", rest)
         object.__setattr__(self, "_compliance", frozen("compliance", compliance, (n + 2, 2, 3)))
 
-    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Returns the shape; it is linear in the load.
-
-        Args:
-            force_n: (2,) force on the tip, base frame.
-            moment_nm: moment about z.
-        """
-        load = np.array([force_n[0], force_n[1], moment_nm])
+    def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
+        load = np.array([fx, fy, moment_nm])
         return PolylineShape(self._rest.arc_m, self._rest.nodes_m + self._compliance @ load, True)
 
 
@@ -103,7 +98,7 @@ _MAX_JUMP = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LargeDeflection:
+class LargeDeflection(RodModel):
     """Quasi-static Bernoulli-Euler beam with large deflection from its initial bend (Khoshnam et al.; thesis 2.3.2.3).
 
     Along the shaft: angle' = k_0 + M / EI and M' = F_x sin(angle) - F_y cos(angle), clamped at the base, with the tip
@@ -128,22 +123,15 @@ class LargeDeflection:
         object.__setattr__(self, "_curvature_per_m", curvature_at(self.rod, halves))
         object.__setattr__(self, "_stiffness_nm2", mean_stiffness(self.rod))
 
-    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Returns the shape.
-
-        Args:
-            force_n: (2,) force on the tip, base frame.
-            moment_nm: moment about z.
-        """
+    def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
         rod = self.rod
-        fx, fy = float(force_n[0]), float(force_n[1])
         nodes = np.zeros((self.steps + 2, 2))
         converged = _solve(
             self._curvature_per_m,
             rod.flexible_length_m,
             rod.rigid_length_m,
             self._stiffness_nm2,
-            (fx, fy, float(moment_nm)),
+            (fx, fy, moment_nm),
             first_share(rod, fx, fy, moment_nm),
             nodes,
         )

@@ -15,7 +15,7 @@ from numba import njit
 
 from ...types import FloatArray
 from ..planar import PlanarRod
-from ._interface import CATHETER_7F_M, PolylineShape, first_share, mean_curvature, stiffness_at
+from ._interface import CATHETER_7F_M, PolylineShape, RodModel, first_share, mean_curvature, stiffness_at
 
 _MAX_ITERATIONS = 60
 _MAX_TURN = 0.4
@@ -191,13 +191,11 @@ def _solve_chain(chain: Chain, fx: float, fy: float, moment: float, first_share:
     return converged
 
 
-def _solve_links(
-    rod: PlanarRod, chain: Chain, clamped_m: float, force_n: FloatArray, moment_nm: float
-) -> PolylineShape:
+def _solve_links(rod: PlanarRod, chain: Chain, clamped_m: float, load: tuple[float, float, float]) -> PolylineShape:
     """Returns the shape of straight links behind a first one of ``clamped_m`` that stays along x."""
-    fx, fy = float(force_n[0]), float(force_n[1])
+    fx, fy, moment_nm = load
     angles = np.empty(chain.span_m.size)
-    converged = _solve_chain(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), angles)
+    converged = _solve_chain(chain, fx, fy, moment_nm, first_share(rod, fx, fy, moment_nm), angles)
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     ways *= (chain.link_m + chain.give_m_per_n * (ways @ np.array([fx, fy])))[:, None]
     nodes = np.zeros((angles.size + 2, 2))
@@ -209,7 +207,7 @@ def _solve_links(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RigidLinks:
+class RigidLinks(RodModel):
     """Multi-body model (thesis 2.3.2.1): rigid links and ``joints`` hinges with torsion springs, at rest.
 
     The finite segment method (Huston): the shaft is cut into equal pieces of length h, and each piece's flexibility
@@ -241,18 +239,12 @@ class RigidLinks:
         )
         object.__setattr__(self, "_chain", chain)
 
-    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Returns the shape.
-
-        Args:
-            force_n: (2,) force on the tip, base frame.
-            moment_nm: moment about z.
-        """
-        return _solve_links(self.rod, self._chain, 0.5 * self._chain.span_m[0], force_n, moment_nm)
+    def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
+        return _solve_links(self.rod, self._chain, 0.5 * self._chain.span_m[0], (fx, fy, moment_nm))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MassSpring:
+class MassSpring(RodModel):
     """Particles on a string (thesis 2.3.2.2), at rest.
 
     ``pieces`` + 1 particles along the shaft with stretch springs between neighbours and bending springs at each; the
@@ -285,14 +277,8 @@ class MassSpring:
         )
         object.__setattr__(self, "_chain", chain)
 
-    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Returns the shape.
-
-        Args:
-            force_n: (2,) force on the tip, base frame.
-            moment_nm: moment about z.
-        """
-        return _solve_links(self.rod, self._chain, 0.0, force_n, moment_nm)
+    def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
+        return _solve_links(self.rod, self._chain, 0.0, (fx, fy, moment_nm))
 
 
 _MIN_POINTS = 48
@@ -300,7 +286,7 @@ _MIN_POINTS = 48
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ConstantCurvature:
+class ConstantCurvature(RodModel):
     """The shaft as ``arcs`` equal arcs, each of one curvature, with the least energy: exact bending energy and load.
 
     One arc is the kinematics used to steer catheter robots. More arcs are the strain parametrisation of a
@@ -331,17 +317,10 @@ class ConstantCurvature:
         )
         object.__setattr__(self, "_chain", chain)
 
-    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Returns the shape.
-
-        Args:
-            force_n: (2,) force on the tip, base frame.
-            moment_nm: moment about z.
-        """
+    def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
         rod, n, chain = self.rod, self.arcs, self._chain
-        fx, fy = float(force_n[0]), float(force_n[1])
         ends = np.empty(n)
-        converged = _solve_chain(chain, fx, fy, float(moment_nm), first_share(rod, fx, fy, moment_nm), ends)
+        converged = _solve_chain(chain, fx, fy, moment_nm, first_share(rod, fx, fy, moment_nm), ends)
         # One chord for each of the equal pieces of the arcs: exact points on them.
         per_arc = -(-_MIN_POINTS // n)
         turn = np.diff(ends, prepend=0.0) / per_arc

@@ -1,8 +1,8 @@
 """The common interface of all rod models."""
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -10,40 +10,15 @@ from ...types import FloatArray
 from ..planar import PlanarRod
 
 
-class RodShape(Protocol):
-    """The bent catheter of a model, base frame."""
-
-    @property
-    def tip_m(self) -> FloatArray:
-        """Position (2,) of the electrode's end."""
-        ...
-
-    @property
-    def converged(self) -> bool:
-        """False: no equilibrium was found, and the values must not be used."""
-        ...
-
-    def centreline_m(self, points: int) -> FloatArray:
-        """Returns the centreline (points, 2), base to tip, uniform in the arc length of the unloaded catheter."""
-        ...
-
-
-class RodModel(Protocol):
-    """A model of the planar catheter, clamped at the base, loaded at its tip."""
-
-    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> RodShape:
-        """Returns the shape under a load on the tip; it is smooth in the load.
-
-        Args:
-            force_n: (2,) force on the tip, base frame.
-            moment_nm: moment about z.
-        """
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PolylineShape:
-    """A shape as points ``nodes_m`` (k, 2), straight in between, at ``arc_m`` (k,) along the unloaded catheter."""
+    """The bent catheter of a model, base frame: points, straight in between.
+
+    Attributes:
+        arc_m: (k,) arc lengths of the points along the unloaded catheter.
+        nodes_m: (k, 2) positions of the points.
+        converged: False: no equilibrium was found, and the values must not be used.
+    """
 
     arc_m: FloatArray
     nodes_m: FloatArray
@@ -61,6 +36,28 @@ class PolylineShape:
         for axis in range(2):
             line[:, axis] = np.interp(wanted, self.arc_m, self.nodes_m[:, axis])
         return line
+
+
+class RodModel(ABC):
+    """A model of the planar catheter, clamped at the base, loaded at its tip."""
+
+    __slots__ = ()
+
+    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
+        """Returns the shape under a load on the tip; it is smooth in the load.
+
+        Args:
+            force_n: (2,) force on the tip, base frame.
+            moment_nm: moment about z.
+
+        Returns:
+            The shape.
+        """
+        return self._solve(float(force_n[0]), float(force_n[1]), float(moment_nm))
+
+    @abstractmethod
+    def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
+        """Returns the shape under the force (fx, fy) in N and the moment in N m."""
 
 
 CATHETER_7F_M = 2.33e-3

@@ -8,7 +8,7 @@ from numba import njit
 
 from ...types import FloatArray
 from ..planar import PlanarRod
-from ._interface import PolylineShape, first_share, mean_stiffness, nodes_at
+from ._interface import PolylineShape, RodModel, first_share, mean_stiffness, nodes_at
 
 _GAMMA = 0.8517
 """Characteristic radius over length, transverse load (Howell, Compliant Mechanisms, 2001, 5.1)."""
@@ -19,7 +19,7 @@ _C_THETA = 1.2385
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PseudoRigidBody:
+class PseudoRigidBody(RodModel):
     """1R: the shaft as a rigid link with one hinge at (1 - gamma) of its length and a spring K = gamma K_theta EI / L.
 
     gamma = 0.8517 and K_theta = 2.67617 are those for a transverse end force, for every direction of the load: the
@@ -45,16 +45,9 @@ class PseudoRigidBody:
         numbers = [hinge, np.hypot(*link), math.atan2(link[1], link[0]), angles[-1], rod.rigid_length_m, spring]
         object.__setattr__(self, "_numbers", np.array(numbers))
 
-    def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Returns the shape, with four points: the ends of the links.
-
-        Args:
-            force_n: (2,) force on the tip, base frame.
-            moment_nm: moment about z.
-        """
+    def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
         hinge, radius, rest, end, lever, _ = self._numbers
-        fx, fy = float(force_n[0]), float(force_n[1])
-        turn, converged = _turn(self._numbers, fx, fy, float(moment_nm), first_share(self.rod, fx, fy, moment_nm))
+        turn, converged = _turn(self._numbers, fx, fy, moment_nm, first_share(self.rod, fx, fy, moment_nm))
         nodes = np.zeros((4, 2))
         nodes[1, 0] = hinge
         nodes[2] = hinge + radius * math.cos(rest + turn), radius * math.sin(rest + turn)

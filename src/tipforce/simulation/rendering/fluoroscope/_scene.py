@@ -220,23 +220,7 @@ class XrayScene:
         Returns:
             The camera model; its world is the base frame.
         """
-        return self._seen(self.views[view].true, width, height)
-
-    def stated_camera(self, view: int = 0, width: int = 512, height: int = 512) -> CameraModel:
-        """Returns the camera model of a view as calibrated.
-
-        Args:
-            view: number of the view.
-            width: width of the image in px.
-            height: height of the image in px.
-
-        Returns:
-            The camera model; its world is the base frame.
-        """
-        return self._seen(self.views[view].stated, width, height)
-
-    def _seen(self, arm: CArm, width: int, height: int) -> CameraModel:
-        camera = arm.camera(width, height)
+        camera = self.views[view].true.camera(width, height)
         return camera.seen_from(camera.camera_from_world @ self.patient_from_base)
 
 
