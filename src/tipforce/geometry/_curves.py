@@ -101,6 +101,17 @@ def arc_length(points: npt.NDArray[np.floating[Any]]) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
+def resampled(points: FloatArray, count: int) -> FloatArray:
+    """Returns (count, d) points evenly in arc length along ``points`` (n, d), both ends among them.
+
+    >>> resampled(np.array([[0.0, 0.0], [1.0, 0.0], [4.0, 0.0]]), 3).tolist()
+    [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]
+    """
+    arc = arc_length(points)
+    wanted = np.linspace(0.0, arc[-1], count)
+    return np.column_stack([np.interp(wanted, arc, column) for column in points.T])
+
+
 @njit(cache=True, nogil=True)
 def turning_angles(points: FloatArray, cos: float, sin: float) -> FloatArray:
     """Returns the angles of the chords of a curve against an axis.

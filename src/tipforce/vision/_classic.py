@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..geometry import fit_polynomial
+from ..geometry import fit_polynomial, resampled
 from ..types import BasePose, BoolArray, CentrelinePx, DetectedShape, FloatArray, Image, IntArray, Status
 from ._settings import ResolvedVision, VisionSettings
 
@@ -272,19 +272,3 @@ def _within(box: tuple[int, int, int, int], image: BoolArray) -> BoolArray:
     u0, v0, u1, v1 = box
     inside[max(0, v0) : max(0, v1), max(0, u0) : max(0, u1)] = True
     return inside
-
-
-def resampled(points: FloatArray, count: int) -> FloatArray:
-    """Returns points at equal steps of arc length along a curve.
-
-    Args:
-        points: (n, 2) points of the curve, in order.
-        count: number of points to return.
-
-    Returns:
-        (count, 2); the first and the last point are those of ``points``.
-    """
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    length = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.linspace(0.0, length[-1], count)
-    return np.column_stack([np.interp(at, length, points[:, k]) for k in range(2)])

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from ...errors import FileFormatError
+from ...geometry import arc_length, resampled
 from ...io import is_image, read_image
 from ...types import BoolArray, FloatArray
 from .._store import MarkedFrame
@@ -82,11 +83,9 @@ def mask_line(mask: BoolArray) -> tuple[FloatArray | None, str]:
     points = np.column_stack([columns[way], rows[way]]).astype(np.float64)
     wide = max(3, 2 * round(float(depth[rows[way], columns[way]].max())) + 1)
     smooth = ndimage.uniform_filter1d(points, wide, axis=0, mode="nearest")
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(smooth, axis=0), axis=1))])
-    if arc[-1] < MIN_LENGTH_PX:
+    if arc_length(smooth)[-1] < MIN_LENGTH_PX:
         return None, f"the instrument is shorter than {MIN_LENGTH_PX:g} px"
-    even = np.linspace(0.0, arc[-1], LINE_POINTS)
-    line = np.column_stack([np.interp(even, arc, smooth[:, k]) for k in (0, 1)])
+    line = resampled(smooth, LINE_POINTS)
     size = np.array(mask.shape[::-1]) - 1.0
     first, last = (float(np.minimum(point, size - point).min()) for point in (line[0], line[-1]))
     return (line[::-1].copy() if last < first else line), ""

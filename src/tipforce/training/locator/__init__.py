@@ -6,8 +6,6 @@ from ._export import (
     export_locator,
     graph_with_weights,
     locator_from_graph,
-    quantise_locator,
-    read_weights,
 )
 from ._fine_tune import FineTuned, FineTuneSettings, fine_tune
 from ._fine_tune_line import fine_tune_line
@@ -29,8 +27,7 @@ from ._labels import (
     labelled_line,
 )
 from ._line_network import LineNetwork, graph_with_line_weights, line_loss, line_network_from_graph
-from ._locate import LocatedPoints, locate_points
-from ._loss import HEATMAP_SIGMA_CELLS, cosine_rate, linear_rate, locator_loss
+from ._loss import HEATMAP_SIGMA_CELLS, linear_rate, locator_loss
 from ._network import (
     LINE_POINTS,
     OBJECT_KINDS,
@@ -87,7 +84,6 @@ __all__ = [
     "FineTuned",
     "LabelledImage",
     "LineNetwork",
-    "LocatedPoints",
     "Locator",
     "LocatorOutputs",
     "Scene",
@@ -96,7 +92,6 @@ __all__ = [
     "Window",
     "border_behind",
     "camera_image",
-    "cosine_rate",
     "export_locator",
     "fine_tune",
     "fine_tune_line",
@@ -107,15 +102,12 @@ __all__ = [
     "line_loss",
     "line_network_from_graph",
     "linear_rate",
-    "locate_points",
     "locator_from_graph",
     "locator_loss",
     "motion_blur",
     "network_input",
     "prompt_channels",
-    "quantise_locator",
     "random_scene",
-    "read_weights",
     "rehearsal_windows",
     "strip_target",
     "window",

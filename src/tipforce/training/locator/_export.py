@@ -1,25 +1,20 @@
 """Exports the locator to an ONNX graph, and reads its weights from one."""
 
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from ..._system.extras import import_extra
 from ...errors import ModelError
 from .._export import export_graph, graph_weights
-from .._quantisation import fold_batch_norms, quantise_nodes
 from ._inputs import PROMPT_CHANNELS
 from ._network import SIZE_MULTIPLE_PX, Locator
 
 GRAPH_OUTPUTS = ("heat", "states", "present")
 """Outputs of the graph; see `LocatorOutputs`. The kinds and the dense values serve the training alone."""
 _EXAMPLE_PX = 256, 320
-_QUANTISED = ("Conv", "Add", "Clip", "Relu", "Concat", "Resize", "AveragePool")
 
 
 class _GraphOutputs(Locator):
@@ -48,24 +43,6 @@ def export_locator(network: Locator) -> bytes:
         {},
         free_axes={2: SIZE_MULTIPLE_PX, 3: SIZE_MULTIPLE_PX},
     )
-
-
-def quantise_locator(graph: bytes, batches: Iterable[npt.NDArray[Any]]) -> bytes:
-    """Returns a graph of `export_locator` in 8 bits up to its last convolution, which stays in single precision.
-
-    Args:
-        graph: the graph in single precision.
-        batches: calibration batches (n, 3 + PROMPT_CHANNELS, h, w) float32, typical inputs; some 64 images.
-
-    Raises:
-        MissingExtraError: onnx is not installed.
-    """
-    model = fold_batch_norms(graph)
-    nodes = list(model.graph.node)
-    last = max(k for k, node in enumerate(nodes) if node.op_type == "Conv")
-    excluded = [node.name for node in nodes[last:]]
-    inputs = ({"image": batch} for batch in batches)
-    return quantise_nodes(model, inputs, excluded, kinds=_QUANTISED, cut_outliers=True).SerializeToString()
 
 
 def graph_with_weights(graph: bytes, network: Locator) -> bytes:
@@ -108,21 +85,4 @@ def locator_from_graph(path: Path) -> Locator:
             raise ModelError(f"{path}: this is no graph of the locator: it has no weights {name}")
         state[name] = torch.from_numpy(np.array(given))
     network.load_state_dict(state)
-    return network.eval()
-
-
-def read_weights(path: Path) -> Locator:
-    """Returns the network, in eval mode, with the weights of a graph or of a training.
-
-    Args:
-        path: a graph of `export_locator`; or the state of a training, of which the running mean of the weights of the
-            main network is used.
-
-    Raises:
-        ModelError: the file is no graph of the locator.
-    """
-    if path.suffix == ".onnx":
-        return locator_from_graph(path)
-    network = Locator()
-    network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True)["main"]["mean"])
     return network.eval()

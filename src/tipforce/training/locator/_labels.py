@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ...geometry import resampled
 from ...types import BoolArray, FloatArray, Image
 
 LABEL_POINTS = 65
@@ -86,9 +87,7 @@ def labelled_line(
     Returns:
         (LABEL_POINTS, 2) px, evenly spaced in arc length; (LABEL_POINTS,) states.
     """
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_px, axis=0), axis=1))])
-    even = np.linspace(0.0, arc[-1], LABEL_POINTS)
-    line = np.column_stack([np.interp(even, arc, points_px[:, k]) for k in (0, 1)])
+    line = resampled(points_px, LABEL_POINTS)
     rows, columns = size_px
     inside = ((line > -0.5) & (line < (columns - 0.5, rows - 0.5))).all(axis=1)
     state = np.where(inside, SEEN, OUTSIDE).astype(np.uint8)

@@ -1,7 +1,5 @@
 """The training loss of the locator, and the schedule of its learning rate."""
 
-import math
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -16,7 +14,6 @@ HIDDEN_POINT_WEIGHT = 0.5
 LOSS_WEIGHTS = {
     "heat": 1.0, "kinds": 1.5, "arc": 2.0, "direction": 0.5, "offset": 0.3, "states": 0.5, "present": 0.3,
 }  # fmt: skip
-WARMUP_STEPS = 500
 
 
 def locator_loss(
@@ -91,19 +88,6 @@ def _dense_losses(dense: Tensor, line_px: Tensor, diameter_px: Tensor, is_presen
     }
     count = on_catheter.float().sum().clamp_min(1.0)
     return {name: (error * on_catheter).sum() / count for name, error in errors.items()}
-
-
-def cosine_rate(step: int, steps: int, warmup: int = WARMUP_STEPS) -> float:
-    """Returns the share of the full learning rate at a step: a linear rise, then half a cosine to 0.
-
-    Args:
-        step: index of the step, from 0.
-        steps: number of steps of the whole training.
-        warmup: number of steps of the rise.
-    """
-    if step < warmup:
-        return (step + 1) / warmup
-    return 0.5 * (1.0 + math.cos(math.pi * min(1.0, (step - warmup) / max(steps - warmup, 1))))
 
 
 def linear_rate(step: int, steps: int, first: float, warmup: int = 30) -> float:

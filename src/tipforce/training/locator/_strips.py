@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...vision.locator import ALONG, evenly, straightened, strip_input
+from ...geometry import arc_length, resampled
+from ...vision.locator import ALONG, straightened, strip_input
 from ._labels import SEEN
 
 Float = npt.NDArray[np.float64]
@@ -69,7 +70,7 @@ def strip_target(source: StripSource, rng: np.random.Generator) -> StripTarget:
     guessed = rng.random() < GUESSED_SHARE
     log_ratio = rng.uniform(-1.0, 1.0) * math.log(MAX_GUESS_RATIO) if guessed else rng.normal(0.0, DIAMETER_ERROR)
     diameter_px = source.diameter_px * math.exp(log_ratio)
-    line = evenly(source.line, LINE_POINTS)
+    line = resampled(source.line, LINE_POINTS)
     state = source.state[np.linspace(0, len(source.state) - 1, LINE_POINTS).round().astype(int)]
     wrong = not source.present or rng.random() < WRONG_SHARE
     hidden_from = int(np.flatnonzero(state == SEEN).max(initial=0)) / (LINE_POINTS - 1.0)
@@ -129,7 +130,7 @@ def _disturbed(line: Float, diameter_px: float, hidden_from: float, rng: np.rand
         moved = np.vstack([moved[0] + start * tangent[0], moved])
     if stop > 0.0:
         moved = np.vstack([moved, moved[-1] + stop * tangent[-1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(moved, axis=0), axis=1))])
+    arc = arc_length(moved)
     wanted = np.linspace(max(start, 0.0), arc[-1] + min(stop, 0.0), count)
     return np.column_stack([np.interp(wanted, arc, moved[:, k]) for k in (0, 1)])
 
@@ -139,7 +140,7 @@ def _elsewhere(line: Float, diameter_px: float, shape: tuple[int, ...], rng: np.
     kind, size = rng.random(), np.array([shape[1], shape[0]])
     if kind < 0.25 and ((line[0] > 3.0) & (line[0] < size - 4.0)).all():
         root = line[0] + (line[0] - line[len(line) // 8]) * 8.0 * np.linspace(rng.uniform(0.5, 2.5), 0.02, 80)[:, None]
-        return evenly(np.vstack([root, line]), len(line))
+        return resampled(np.vstack([root, line]), len(line))
     if kind < 0.4:
         return line + (line[-1] - line[0]) * rng.uniform(0.25, 0.6) * rng.choice([-1.0, 1.0])
     if kind < 0.55:

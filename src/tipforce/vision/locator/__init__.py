@@ -5,7 +5,7 @@ from ._networks import DETECTOR_FACTS, DETECTOR_GRAPHS, RoughPoints
 from ._prompts import Prompts
 from ._reading import Known
 from ._session import MIN_FRAMES, SessionConstants, session_constants
-from ._strip import ACROSS, ALONG, HALF_WIDTH, evenly, straightened, strip_input
+from ._strip import ACROSS, ALONG, HALF_WIDTH, straightened, strip_input
 
 __all__ = [
     "ACROSS",
@@ -20,7 +20,6 @@ __all__ = [
     "RoughPoints",
     "SessionConstants",
     "as_colour",
-    "evenly",
     "locate",
     "read_points",
     "rough_line",

@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre
 
-from ...geometry import arc_length
+from ...geometry import arc_length, resampled
 from ...types import FloatArray, Image
 from ._networks import OUTSIDE, POINTS, RoughPoints, rough_points
 from ._prompts import NOMINAL_LENGTH_PX, Prompts
 from ._reading import MIN_SPREAD_DIAMETERS, SAMPLES, Hint, Known, Reading, of_length, read_strip
-from ._strip import ACROSS, ALONG, HALF_WIDTH, evenly
+from ._strip import ACROSS, ALONG, HALF_WIDTH
 
 PYRAMID_SIDES_PX = (192, 320, 512)
 """Where no length is known the image is read with its longer side of these lengths in px."""
@@ -219,11 +219,11 @@ def _located(
     tip_seen = float(twice.read.seen[ends].mean()) if len(ends) else 0.0
     shaft = (along > base.at) & (along < tip.at) & (twice.read.seen > 0.5)
     grey = twice.strip.values[:, shaft].mean(axis=-1) if shaft.any() else twice.strip.values.mean(axis=-1)
-    even = evenly(line, BEND_POINTS)
+    even = resampled(line, BEND_POINTS)
     turns = np.diff(np.unwrap(np.arctan2(*np.diff(even, axis=0).T[::-1])))
     apart = np.linalg.norm(read.points[:, None] - line[None], axis=2).min(axis=1)
     return Located(
-        points=evenly(line, points),
+        points=resampled(line, points),
         std_px=np.where(seen, 1.0, HIDDEN_STD_FACTOR) * twice.std_px(points),
         seen=seen,
         length_px=float(arc[-1]),

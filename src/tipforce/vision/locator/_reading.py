@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
 
-from ...geometry import arc_length
+from ...geometry import arc_length, resampled
 from ...types import FloatArray
 from ._networks import Offsets, refine
-from ._strip import ALONG, Strip, evenly, straightened
+from ._strip import ALONG, Strip, straightened
 
 INTERVALS = 9
 """Number of intervals of the spline along the strip."""
@@ -178,7 +178,7 @@ def _ends(read: Offsets, points: FloatArray, first: int, hint: Hint, known: Know
         base[border] = math.log(outside)
     score = base[:, None] + (np.log(read.tip + MIN_END_PROBABILITY) + hint.prior(points, hint.tip_px))[None]
     if known is not None:
-        arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        arc = arc_length(points)
         length = np.full(ALONG, known.length_px)
         if in_view is None:
             length[border] *= VISIBLE_SHARE
@@ -236,8 +236,8 @@ def of_length(line: FloatArray, known: Known | None) -> FloatArray:
     arc = arc_length(line)
     missing = known.length_px - float(arc[-1])
     if missing <= 0.0:
-        return evenly(line[: max(int((arc <= known.length_px).sum()), 2)], SAMPLES)
-    even = evenly(line, SAMPLES)
+        return resampled(line[: max(int((arc <= known.length_px).sum()), 2)], SAMPLES)
+    even = resampled(line, SAMPLES)
     first = round((1.0 - END_SHARE) * (SAMPLES - 1))
     steps = np.diff(even[first:], axis=0)
     angles = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))

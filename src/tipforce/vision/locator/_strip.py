@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...geometry import arc_length
+from ...geometry import arc_length, resampled
 from ...types import FloatArray, Image
 
 ALONG, ACROSS = 96, 32
@@ -40,20 +40,13 @@ class Strip:
         return np.asarray(self.inside[ACROSS // 2 - 1 : ACROSS // 2 + 1].any(axis=0))
 
 
-def evenly(line: FloatArray, count: int) -> FloatArray:
-    """(count, 2): points evenly in arc length along ``line`` (n, 2), both ends among them."""
-    arc = arc_length(line)
-    wanted = np.linspace(0.0, arc[-1], count)
-    return np.column_stack([np.interp(wanted, arc, column) for column in line.T])
-
-
 def _stations(line: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Points and unit normals, (count, 2) each, evenly along ``line`` (n, 2) and straight on beyond its ends."""
     reach = _REACH * float(arc_length(line)[-1])
     near = max(2, len(line) // 16)
     ways = [line[near] - line[0], line[-1] - line[-1 - near]]
     first, last = (way / max(math.hypot(*way), 1e-9) for way in ways)
-    points = evenly(np.vstack([line[0] - reach * first, line, line[-1] + reach * last]), count)
+    points = resampled(np.vstack([line[0] - reach * first, line, line[-1] + reach * last]), count)
     tangent = np.gradient(points, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
     return points, np.column_stack([-tangent[:, 1], tangent[:, 0]])
