@@ -201,7 +201,7 @@ def test_metadata_unknown_in_training_change_no_estimate(learnt):
     silent = learnt.unfitted()
     only = {"required_metadata": (), "known_metadata": ("views.camera.base_side",)}
     facts = learnt.fitted_.facts.model_copy(update=only)
-    silent.fitted_ = replace(learnt.fitted_, facts=facts)
+    silent.fitted_ = learnt.fitted_.model_copy(update={"facts": facts})
     for observation in list(data.observations())[:5]:
         answers = [
             silent.start(info).update(observation)
@@ -240,7 +240,7 @@ def test_an_earlier_frame_compensates_the_rate(learnt):
     seconds = np.array([[0.02, 0.0], [0.01, 0.03]])
     leading = learnt.unfitted()
     arrays = {**learnt.fitted_.arrays, "rate_compensation_s": seconds, "sigma_factor_without_history": np.array(2.0)}
-    leading.fitted_ = replace(learnt.fitted_, arrays=arrays)
+    leading.fitted_ = learnt.fitted_.model_copy(update={"arrays": arrays})
     still, stream = learnt.start(data.session_info["s0"]), leading.start(data.session_info["s0"])
     shown = [replace(each, stamp_ns=42_000_000 * k) for k, each in enumerate(data.observations())][:8]
     alone, led = [still.update(each) for each in shown], [stream.update(each) for each in shown]

@@ -16,6 +16,7 @@ from ..types import DEFAULT_VIEW, ForceEstimate, Image, Observation, SessionInfo
 from ..vision import detector_kind
 from ._facts import ModelFacts
 from ._session_metadata import missing_metadata, turned_view
+from ._values import StoredArrays, StoredFiles, StoredValues
 from ._view_setting import is_stated, with_value
 
 Progress = Callable[[str, float], None]
@@ -183,11 +184,7 @@ class Estimator(ABC):
 
     @classmethod
     def from_state(
-        cls,
-        settings: Mapping[str, Any],
-        values: Mapping[str, Any],
-        arrays: Mapping[str, npt.NDArray[Any]],
-        files: Mapping[str, bytes] | None = None,
+        cls, settings: StoredValues, values: StoredValues, arrays: StoredArrays, files: StoredFiles = None
     ) -> Self:
         """Makes a fitted method from its saved state; the inverse of `state` and `files`.
 

@@ -1,19 +1,38 @@
 """Checks of the numbers in a stored model, which may have been changed: finite, right shape, plausible limits."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field, PlainSerializer, PlainValidator, TypeAdapter
 
-from ..types import FloatArray
+from ..types import BoolArray, FloatArray
 
 LARGEST = 1e12
 """Largest fitted number in any unit."""
 
+StoredValues = Mapping[str, Any]
+"""JSON values of a stored model by name."""
+StoredArrays = Mapping[str, npt.NDArray[Any]]
+"""Arrays of a stored model by name."""
+StoredFiles = Mapping[str, bytes] | None
+"""Whole files of a stored model by name; None: it has none."""
+Count = Annotated[int, Field(ge=0, lt=1 << 53)]
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+_THREE = TypeAdapter(tuple[bool, bool, bool])
+
+
+def _as_known(value: Any) -> BoolArray:
+    return value if isinstance(value, np.ndarray) else np.array(_THREE.validate_python(value), np.bool_)
+
+
+Known = Annotated[BoolArray, PlainValidator(_as_known), PlainSerializer(lambda known: known.tolist())]
+"""(3,) the force components that a method estimates."""
+
 
 def stored_array(
-    arrays: Mapping[str, npt.NDArray[Any]],
+    arrays: StoredArrays,
     name: str,
     shape: tuple[int | None, ...],
     *,
@@ -46,9 +65,7 @@ def stored_array(
     return values
 
 
-def stored_number(
-    arrays: Mapping[str, npt.NDArray[Any]], name: str, *, low: float = -LARGEST, high: float = LARGEST
-) -> float:
+def stored_number(arrays: StoredArrays, name: str, *, low: float = -LARGEST, high: float = LARGEST) -> float:
     """Returns a single number of a stored model; errors are those of `stored_array`.
 
     Args:

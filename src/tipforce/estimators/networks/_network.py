@@ -5,8 +5,7 @@ import json
 import math
 import tempfile
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
 from itertools import repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -34,13 +33,13 @@ from .._base import FineTunable, Progress, no_progress
 from .._builder import AXES, EstimateBuilder
 from .._left_out import left_out_by_session, refuse_left_out
 from .._reading import Abstention, actuation_names, limits_of, unlike_training
+from .._values import StoredArrays, StoredFiles, StoredValues
 from ..uncertainty import Interval, conformal_interval
 from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_evenly
 from ._facts import NetworkFacts, NetworkTraining
 from ._fitted import FittedNetwork
 from ._graph import Graph
 from ._image_input import UNLIKE, is_white_noise, modality
-from ._network_state import NetworkState
 from ._preparation import (
     PREPARED_FILE,
     Arrays,
@@ -369,7 +368,7 @@ class NetworkEstimator(FineTunable):
         found = [estimates[index] for index in valid]
         truth = dataset.force_n[valid][:, fitted.known]
         interval = self.fit_interval(found, truth, dataset.session[valid], sampling)
-        self.fitted_ = replace(fitted, interval=interval)
+        self.fitted_ = fitted.model_copy(update={"interval": interval})
 
     def fit_interval(
         self, estimates: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], sampling: str
@@ -395,7 +394,8 @@ class NetworkEstimator(FineTunable):
         """Returns this method for another view; see `Estimator.reading`."""
         made = super().reading(view)
         if made.fitted_ is not None:
-            made.fitted_ = replace(made.fitted_, facts=made.fitted_.facts.for_view(self.views[0], view))
+            facts = made.fitted_.facts.for_view(self.views[0], view)
+            made.fitted_ = made.fitted_.model_copy(update={"facts": facts})
         return made
 
     @property
@@ -443,15 +443,7 @@ class NetworkEstimator(FineTunable):
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """Returns all but the graph and the log, which are `files`."""
         fitted = self._fitted()
-        values = {
-            "actuation": list(fitted.actuation),
-            "actuation_limits": {name: list(pair) for name, pair in fitted.actuation_limits.items()},
-            "known": fitted.known.tolist(),
-            "interval": fitted.interval.values(),
-            "facts": fitted.facts.model_dump(mode="json"),
-            "sessions": list(fitted.sessions),
-        }
-        return values, fitted.arrays
+        return fitted.model_dump(mode="json"), fitted.arrays
 
     def files(self) -> dict[str, bytes]:
         """Returns the graph, and the training log with one JSON line an epoch."""
@@ -461,11 +453,7 @@ class NetworkEstimator(FineTunable):
 
     @classmethod
     def from_state(
-        cls,
-        settings: Mapping[str, Any],
-        values: Mapping[str, Any],
-        arrays: Mapping[str, npt.NDArray[Any]],
-        files: Mapping[str, bytes] | None = None,
+        cls, settings: StoredValues, values: StoredValues, arrays: StoredArrays, files: StoredFiles = None
     ) -> Self:
         """Inverts `state` and `files`; see `Estimator.from_state`.
 
@@ -475,21 +463,17 @@ class NetworkEstimator(FineTunable):
         """
         files = files or {}
         made = cls(cls.settings_type.model_validate(settings))
-        state, quantised = NetworkState.model_validate(values), QUANTISED_FILE in files
-        known = np.array(state.known, np.bool_)
+        quantised = QUANTISED_FILE in files
         graph = Graph(files[QUANTISED_FILE], QUANTISED_FILE) if quantised else Graph(files[GRAPH_FILE], GRAPH_FILE)
-        made.fitted_ = FittedNetwork(
-            actuation=state.actuation,
-            actuation_limits=state.actuation_limits,
-            known=known,
-            graph=graph,
-            data=files[GRAPH_FILE],
-            quantised=files.get(QUANTISED_FILE),
-            log=files[LOG_FILE],
-            arrays=current_array_names(arrays),
-            interval=Interval.of(values["interval"], known),
-            facts=NetworkTraining.model_validate(values["facts"]),
-            sessions=state.sessions,
+        made.fitted_ = FittedNetwork.model_validate(
+            {
+                **values,
+                "graph": graph,
+                "data": files[GRAPH_FILE],
+                "quantised": files.get(QUANTISED_FILE),
+                "log": files[LOG_FILE],
+                "arrays": current_array_names(arrays),
+            }
         )
         made.start(SessionInfo())  # an incomplete state is found here, not at the first frame
         made.check_fit()

@@ -7,7 +7,7 @@ pre-curvature by least squares on training frames whose force is known, and how 
 still are apart: their covariance is the weight of the stations from then on.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Self
@@ -31,7 +31,7 @@ from .._facts import ModelFacts, ModelSummary
 from .._left_out import left_out_by_session, left_out_text, refuse_left_out
 from .._reading import Abstention
 from .._session_metadata import UninformedStream
-from .._values import LARGEST, stored_array
+from .._values import LARGEST, StoredArrays, StoredFiles, StoredValues, stored_array
 from ..uncertainty import Interval, gaussian_interval, magnitude_sigma, normalised_interval
 from ._inverse import STATIONS, ForceFit, StationNoise, fit_force, model_stations
 from ._reader import RodLine, RodReader
@@ -387,10 +387,10 @@ class RodModelEstimator(PlanarRodEstimator):
     @classmethod
     def from_state(
         cls,
-        settings: Mapping[str, Any],
-        values: Mapping[str, Any],
-        arrays: Mapping[str, npt.NDArray[Any]],
-        files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
+        settings: StoredValues,
+        values: StoredValues,
+        arrays: StoredArrays,
+        files: StoredFiles = None,  # noqa: ARG003 (it leaves no files)
     ) -> Self:
         """Inverts `state`; see `Estimator.from_state`.
 

@@ -5,29 +5,29 @@ A method states how it learns from a table and how it estimates from one: `Shape
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field
 
 from ...datasets import Dataset
 from ...errors import InputError, NotFittedError
-from ...types import BoolArray, FloatArray, ForceEstimate, Image, IntArray, Observation, SessionInfo
+from ...types import FloatArray, ForceEstimate, Image, IntArray, Observation, SessionInfo
 from ...vision import ResolvedVision, SessionDetector, ShapeDetector, auto_calibrate
 from .._base import CentrelineEstimator, Progress, no_progress
 from .._builder import AXES, EstimateBuilder
 from .._left_out import refuse_left_out
 from .._reading import Abstention, actuation_names, limits_of, unlike_training
-from .._values import stored_array
-from ..uncertainty import Interval, conformal_interval
+from .._values import LARGEST, Count, Known, Number, StoredArrays, StoredFiles, StoredValues, stored_array
+from ..uncertainty import StoredInterval, conformal_interval
 from ._facts import ShapeFacts, TargetFacts
 from ._folds import draw_samples, make_folds
 from ._inputs import Inputs
 from ._rows import Rows, gather_rows, warn_of_sizes
 from ._settings import ShapeRegressorSettings
-from ._state import ShapeState
 from ._window import Window
 
 MIN_SAMPLES = 20
@@ -57,8 +57,7 @@ class Trained:
     by_session: bool
 
 
-@dataclass(frozen=True, eq=False)
-class FittedRegressor:
+class FittedRegressor(BaseModel):
     """The learnt state of a shape regressor.
 
     Attributes:
@@ -67,26 +66,28 @@ class FittedRegressor:
             were saved before these were known.
         shape: names of the shape numbers among its inputs.
         known: (3,) the force components that it estimates; none where it estimates the magnitude alone.
-        model: the model, in the method's own form.
         cv_rmse_n: root mean square error of each target over the folds, in newtons.
         interval: conformal intervals.
         samples: number of samples that it learnt from.
         left_out: session -> samples that it could not learn from, and all of its samples.
         sessions: number of sessions that it learnt from.
         vision: resolved on images of the training data; None where these hold no images.
+        model: the model, in the method's own form.
     """
 
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
     actuation: tuple[str, ...]
-    actuation_limits: Mapping[str, tuple[float, float]]
+    actuation_limits: dict[str, tuple[Number, Number]] = {}
     shape: tuple[str, ...]
-    known: BoolArray
-    model: Any
-    cv_rmse_n: tuple[float, ...]
-    interval: Interval
-    samples: int
-    left_out: dict[str, list[int]]
-    sessions: int
+    known: Known
+    cv_rmse_n: tuple[Annotated[float, Field(ge=0, le=LARGEST)], ...]
+    interval: StoredInterval
+    samples: Count
+    left_out: dict[str, list[Count]]
+    sessions: Count
     vision: ResolvedVision | None
+    model: Annotated[Any, Field(exclude=True)]
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -112,7 +113,7 @@ class ShapeRegressor(CentrelineEstimator):
         """Returns this method for another view; see `Estimator.reading`."""
         made = super().reading(view)
         if made.fitted_ is not None and made.fitted_.vision is not None:
-            made.fitted_ = replace(made.fitted_, vision=made.fitted_.vision.reading(view))
+            made.fitted_ = made.fitted_.model_copy(update={"vision": made.fitted_.vision.reading(view)})
         return made
 
     def learn(self, features: FloatArray, force_n: FloatArray) -> Any:
@@ -172,9 +173,7 @@ class ShapeRegressor(CentrelineEstimator):
         """Returns JSON values and arrays of ``model``; the inverse of `model_from_state`."""
         return {}, dict(model)
 
-    def model_from_state(
-        self, values: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], features: int, targets: int
-    ) -> Any:
+    def model_from_state(self, values: StoredValues, arrays: StoredArrays, features: int, targets: int) -> Any:
         """Makes the model from the return values of `model_state`.
 
         Args:
@@ -279,7 +278,7 @@ class ShapeRegressor(CentrelineEstimator):
         interval = conformal_interval(
             fitted.known, found, found - rows.truth_n, rows.truth_n, rows.session, held_out=True
         )
-        self.fitted_ = replace(fitted, interval=interval)
+        self.fitted_ = fitted.model_copy(update={"interval": interval})
         return self
 
     def _regressed(self, model: Any, features: FloatArray, targets: int) -> FloatArray:
@@ -322,29 +321,15 @@ class ShapeRegressor(CentrelineEstimator):
         """Returns the learnt state as JSON values and arrays."""
         fitted = self.fitted()
         own, arrays = self.model_state(fitted.model)
-        values: dict[str, Any] = {
-            "actuation": list(fitted.actuation),
-            "actuation_limits": {name: list(pair) for name, pair in fitted.actuation_limits.items()},
-            "shape": list(fitted.shape),
-            "known": fitted.known.tolist(),
-            "targets": list(fitted.targets),
-            "cv_rmse_n": list(fitted.cv_rmse_n),
-            "interval": fitted.interval.values(),
-            "samples": fitted.samples,
-            "left_out": fitted.left_out,
-            "sessions": fitted.sessions,
-            "vision": None if fitted.vision is None else fitted.vision.model_dump(mode="json"),
-            "model": own,
-        }
-        return values, arrays
+        return {**fitted.model_dump(mode="json"), "targets": list(fitted.targets), "model": own}, arrays
 
     @classmethod
     def from_state(
         cls,
-        settings: Mapping[str, Any],
-        values: Mapping[str, Any],
-        arrays: Mapping[str, npt.NDArray[Any]],
-        files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
+        settings: StoredValues,
+        values: StoredValues,
+        arrays: StoredArrays,
+        files: StoredFiles = None,  # noqa: ARG003 (it leaves no files)
     ) -> Self:
         """Makes a fitted method from the return values of `state`; see `Estimator.from_state`.
 
@@ -352,11 +337,10 @@ class ShapeRegressor(CentrelineEstimator):
             KeyError, TypeError, ValueError: the values and arrays are not those of the method.
         """
         made = cls(cls.settings_type.model_validate(settings))
-        state = ShapeState.model_validate(values)
-        known = np.array(state.known, np.bool_)
-        targets = int(known.sum()) or 1
+        state = FittedRegressor.model_validate({"model": {}, **values})
+        targets = len(state.targets)
         features = (len(state.shape) + len(state.actuation)) * len(made.settings.window.lags_ms)
-        if made.settings.force == "magnitude" and known.any():
+        if made.settings.force == "magnitude" and state.known.any():
             raise ValueError("force=magnitude goes with no known component")
         if len(state.cv_rmse_n) != targets:
             raise ValueError(f"{targets} targets need as many errors, got {len(state.cv_rmse_n)}")
@@ -366,19 +350,7 @@ class ShapeRegressor(CentrelineEstimator):
             ShapeDetector(state.vision)  # wrong values are found here, not at the first image
         model = made.model_from_state(state.model, arrays, features, targets)
         made._regressed(model, np.zeros((1, features)), targets)
-        made.fitted_ = FittedRegressor(
-            actuation=state.actuation,
-            actuation_limits=state.actuation_limits,
-            shape=state.shape,
-            known=known,
-            model=model,
-            cv_rmse_n=state.cv_rmse_n,
-            interval=Interval.of(values["interval"], known),
-            samples=state.samples,
-            left_out=state.left_out,
-            sessions=state.sessions,
-            vision=state.vision,
-        )
+        made.fitted_ = state.model_copy(update={"model": model})
         return made
 
     def describe(self) -> ShapeFacts:

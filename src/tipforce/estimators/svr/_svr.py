@@ -18,7 +18,7 @@ from ...datasets import Dataset
 from ...errors import ModelError
 from ...types import KNOB, FloatArray
 from .._base import Progress
-from .._values import LARGEST
+from .._values import LARGEST, StoredArrays, StoredValues
 from ..shape import Rows, ShapeRegressor, Trained, draw_samples, gather_rows, make_folds
 from ._facts import MachineFacts, SvrFacts
 from ._graph import PARITY_N, regression_graph
@@ -101,9 +101,7 @@ class Svr(ShapeRegressor):
         constants = [{"c": each.c, "epsilon": each.epsilon, "sigma": each.sigma} for each in model.constants]
         return {"constants": constants, "parity_n": parity_n}, model.machines.arrays()
 
-    def model_from_state(
-        self, values: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], features: int, targets: int
-    ) -> SvrModel:
+    def model_from_state(self, values: StoredValues, arrays: StoredArrays, features: int, targets: int) -> SvrModel:
         """See `ShapeRegressor`."""
         state = _ModelState.model_validate(values)
         if len(state.constants) != targets:

@@ -10,10 +10,11 @@ guarantees nothing for a new session, and the basis says so.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 
 from ...types import BoolArray, FloatArray
 from ._strata import ForceStrata, fit_strata
@@ -120,6 +121,14 @@ class Interval:
             samples=int(values["samples"]),
             strata=strata,
         )
+
+
+def _as_interval(value: Any, info: ValidationInfo) -> Interval:
+    return value if isinstance(value, Interval) else Interval.of(value, info.data["known"])
+
+
+StoredInterval = Annotated[Interval, PlainValidator(_as_interval), PlainSerializer(Interval.values)]
+"""The intervals in a stored record; its field ``known`` must come before them."""
 
 
 def _to_json(value: float) -> float | str | None:

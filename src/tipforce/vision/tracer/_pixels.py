@@ -7,9 +7,6 @@ and only the sampled pixels are converted to grey.
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import extending
-from numba.core import types
 
 from ..._system.compilation import STEADY, compiled_together
 
@@ -209,14 +206,6 @@ def edge_near(
 
 
 @fast
-def _reach_of(half: float, reach: float) -> tuple[float, int]:
-    """Returns where the profile of a flank begins, outward from the axis, and its number of pixels."""
-    extra = 2.0 if half < 3.5 else 3.0
-    first = max(half - reach - extra, -0.3 * half)
-    return first, int(half + reach + extra - first) + 1
-
-
-@fast
 def measure_pair(
     image: Raster,
     sign: float,
@@ -246,55 +235,11 @@ def measure_pair(
         +n; drops are positive for a shaft of this ``sign``.
     """
     narrow = half < 3.5
-    first, n = _reach_of(half, reach)
-    n = min(n, scratch.shape[0])
+    extra = 2.0 if narrow else 3.0
+    first = max(half - reach - extra, -0.3 * half)
+    n = min(int(half + reach + extra - first) + 1, scratch.shape[0])
     _read_side(image, sign, u, v, -nu, -nv, first, n, scratch)
     left, left_drop = edge_near(scratch, n, first, half, reach, narrow, 0.55)
     _read_side(image, sign, u, v, nu, nv, first, n, scratch)
     right, right_drop = edge_near(scratch, n, first, half, reach, narrow, 0.55)
     return left, left_drop, right, right_drop
-
-
-_intrinsic: Any = extending.intrinsic
-
-
-@_intrinsic
-def _prefetch(_: Any, pixels: Any, i: Any) -> Any:
-    """Starts to load ``pixels[i]`` into the caches; ``i`` may be any number, nothing is read."""
-
-    def build(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        number, byte = ir.IntType(32), ir.IntType(8).as_pointer()
-        name = "llvm.prefetch.p0"
-        call = builder.module.globals.get(name)
-        if call is None:
-            call = ir.Function(builder.module, ir.FunctionType(ir.VoidType(), [byte, number, number, number]), name)
-        data = context.make_array(pixels)(context, builder, values[0]).data
-        address = builder.bitcast(builder.gep(data, [values[1]]), byte)
-        # of a read, to be kept in all caches, of data
-        builder.call(call, [address, number(0), number(3), number(1)])
-        return context.get_dummy_value()
-
-    return (types.void(pixels, types.int64), build) if isinstance(i, types.Integer) else None
-
-
-@fast
-def prefetch_pair(image: Raster, u: float, v: float, nu: float, nv: float, half: float, reach: float) -> None:
-    """Starts to load the pixels that `measure_pair` reads for the same arguments; they may be outside the image.
-
-    Frames come from main memory, about 100 ns away. Without this a frame of 640 x 480 takes about 10 % longer, one of
-    1280 x 1024 about 20 % (docs/log.md).
-
-    Args:
-        image: the frame.
-        u: position on the axis in px.
-        v: position on the axis in px.
-        nu: unit vector of the line across, along u.
-        nv: unit vector of the line across, along v.
-        half: expected distance of the flanks in px.
-        reach: largest deviation from ``half`` in px.
-    """
-    first, n = _reach_of(half, reach)
-    for j in range(n):
-        du, dv = (first + j) * nu, (first + j) * nv
-        _prefetch(image.pixels, int(v - dv) * image.row + int(u - du) * image.channels)
-        _prefetch(image.pixels, int(v + dv) * image.row + int(u + du) * image.channels)

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ._pixels import Raster, fast, grey_between, measure_pair, prefetch_pair
+from ._pixels import Raster, fast, grey_between, measure_pair
 from ._stations import (
     ARC,
     END_BORDER,
@@ -44,8 +44,6 @@ from ._stations import (
 class TraceLimits(NamedTuple):
     """Limits of the trace. "Share of the contrast" refers to the shaft's mean contrast so far."""
 
-    prefetch_px: float = 20.0
-    """Pixels this far ahead of a station are prefetched; a cache line holds some 20 pixels in colour."""
     first_stations: int = 3
     """Stations before the direction is known; their direction is the one across the base line."""
     max_first_step_px: float = 2.0
@@ -275,9 +273,6 @@ def _measure(
             slant = 0.5
         normal_u, normal_v = scale.border_u, scale.border_v
     reach = _search_reach(half_width, starting, gap)
-    ahead_u = axis.u + LIMITS.prefetch_px * math.cos(axis.angle)
-    ahead_v = axis.v + LIMITS.prefetch_px * math.sin(axis.angle)
-    prefetch_pair(image, ahead_u, ahead_v, normal_u, normal_v, half_width, reach)
     left, left_drop, right, right_drop = measure_pair(
         image, sign, axis.u, axis.v, normal_u, normal_v, half_width / slant, reach, profile
     )
