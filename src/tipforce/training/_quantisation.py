@@ -26,9 +26,6 @@ _PREPROCESSED = {"onnx.quant.pre_process": "onnxruntime.quant"}
 """Metadata for the quantiser: batch normalisation is folded already; otherwise it would warn."""
 
 _BYTE = np.float32(1.0 / 255.0)
-GROUP_PIXELS = 4
-"""Pixels of a group. With eight, from three channels on, the multiplications by the zeros of the new kernel cost more
-than is gained."""
 
 
 def quantise(graph: bytes, batches: Iterable[_Inputs]) -> bytes:
@@ -53,7 +50,6 @@ def quantise(graph: bytes, batches: Iterable[_Inputs]) -> bytes:
     onnx = import_extra("onnx", "train")
     model = fold_batch_norms(graph)
     metadata = {each.key: each.value for each in onnx.load_from_string(graph).metadata_props}
-    group_pixels(onnx, model)
     model = quantise_nodes(model, batches, _not_quantised(onnx, model.graph))
     _feed_bytes(onnx, model)
     _drop_unused(model.graph)
@@ -189,74 +185,6 @@ def _calibration_reader(tool: Any, batches: Iterable[_Inputs]) -> Any:
     return Reader()
 
 
-def group_pixels(onnx: Any, model: Any) -> None:
-    """Changes a first convolution of stride 2 to groups of four pixels along a row; the result is the same.
-
-    With one to three channels a pixel, gathering the pixels under a large kernel costs far more than multiplying them.
-    Therefore a row of w pixels is read as w / 4 pixels of four times the channels, and one position of the new kernel
-    yields two positions of the old one; neither moves a byte. A graph that does not begin with bytes, a division by 255
-    and such a convolution is not changed.
-
-    Args:
-        onnx: the module of that name.
-        model: an ONNX model; changed in place.
-    """
-    graph = model.graph
-    consumers, producers = _consumers(graph), _producers(graph)
-    constants = {each.name: each for each in graph.initializer}
-    for division in [node for node in graph.node if node.op_type == "Div"]:
-        convolution, cast = _only_consumer(consumers, division.output[0], "Conv"), producers.get(division.input[0])
-        if convolution is None or cast is None or cast.op_type != "Cast" or not _by_255(onnx, constants, division):
-            continue
-        channels_first = producers.get(cast.input[0])  # from the image to (n, channels, h, w)
-        if channels_first is None or channels_first.op_type not in ("Unsqueeze", "Transpose"):
-            continue
-        source = next((each for each in graph.input if each.name == channels_first.input[0]), None)
-        options = {each.name: onnx.helper.get_attribute_value(each) for each in convolution.attribute}
-        kernel = onnx.numpy_helper.to_array(constants[convolution.input[1]])
-        if source is None or not _halves_size(options, kernel.shape[2:]):
-            continue
-        _, height, width, *channels = [each.dim_value for each in source.type.tensor_type.shape.dim]
-        if height % 2 or width % GROUP_PIXELS:
-            continue
-        new, pads = _grouped_kernel(kernel, options.get("pads", [0, 0, 0, 0]))
-        del convolution.attribute[:]
-        for name, value in (("kernel_shape", new.shape[2:]), ("pads", pads), ("strides", (2, 1))):
-            convolution.attribute.append(onnx.helper.make_attribute(name, value))
-
-        def constant(name: str, array: Any) -> str:
-            graph.initializer.append(onnx.numpy_helper.from_array(array, f"first/{name}"))
-            return f"first/{name}"
-
-        convolution.input[1] = constant("kernel", new)
-        if len(convolution.input) > 2:
-            bias = onnx.numpy_helper.to_array(constants[convolution.input[2]])
-            convolution.input[2] = constant("bias", np.tile(bias, GROUP_PIXELS // 2))
-        node = onnx.helper.make_node
-        shape = constant(
-            "group_shape", np.array([-1, height, width // GROUP_PIXELS, GROUP_PIXELS * (channels or [1])[0]])
-        )
-        _insert(
-            graph,
-            cast,
-            node("Reshape", [source.name, shape], ["first/grouped"]),
-            node("Transpose", ["first/grouped"], ["first/channels_first"], perm=[0, 3, 1, 2]),
-        )
-        cast.input[0] = "first/channels_first"
-        last = _only_consumer(consumers, convolution.output[0], "Relu") or convolution
-        original, last.output[0] = last.output[0], "first/groups_out"
-        shape = constant("pixel_shape", np.array([-1, height // 2, width // 2, kernel.shape[0]]))
-        _insert(
-            graph,
-            consumers[original][0],
-            node("Transpose", ["first/groups_out"], ["first/channels_last"], perm=[0, 2, 3, 1]),
-            node("Reshape", ["first/channels_last", shape], ["first/pixels"]),
-            node("Transpose", ["first/pixels"], [original], perm=[0, 3, 1, 2]),
-        )
-        if len(consumers[channels_first.output[0]]) == 1:
-            graph.node.remove(channels_first)
-
-
 def _feed_bytes(onnx: Any, model: Any) -> None:
     """Replaces Cast, division by 255 and quantisation of an image by its bytes, in place."""
     graph = model.graph
@@ -280,38 +208,6 @@ def _feed_bytes(onnx: Any, model: Any) -> None:
         dequantisation.input.extend([cast.input[0], scale, zero])
         for node in (cast, division, quantisation):
             graph.node.remove(node)
-
-
-def _grouped_kernel(kernel: Any, pads: Any) -> tuple[Any, tuple[int, int, int, int]]:
-    """Returns kernel (o, c, h, w) of stride 2 as (2 o, 4 c, h, w') of stride (2, 1) on groups, and its padding."""
-    out, channels, height, width = kernel.shape
-    positions = GROUP_PIXELS // 2
-    # group, and pixel in it, under column j of the kernel at the k-th position of a group
-    columns = [[divmod(2 * k + j - pads[1], GROUP_PIXELS) for j in range(width)] for k in range(positions)]
-    first, last = columns[0][0][0], columns[-1][-1][0]
-    new = np.zeros((positions, out, GROUP_PIXELS, channels, height, last - first + 1), kernel.dtype)
-    for k, row in enumerate(columns):
-        for j, (group, pixel) in enumerate(row):
-            new[k, :, pixel, :, :, group - first] = kernel[:, :, :, j]
-    return new.reshape(positions * out, GROUP_PIXELS * channels, *new.shape[4:]), (pads[0], -first, pads[2], last)
-
-
-def _halves_size(options: dict[str, Any], size: tuple[int, ...]) -> bool:
-    """Returns whether the convolution has stride 2, no groups or dilation, and padding that exactly halves the size."""
-    pads = options.get("pads", [0, 0, 0, 0])
-    return (
-        list(options.get("strides", [1, 1])) == [2, 2]
-        and options.get("group", 1) == 1
-        and list(options.get("dilations", [1, 1])) == [1, 1]
-        and options.get("auto_pad", b"NOTSET") == b"NOTSET"
-        and all(size[axis] - 2 <= pads[axis] + pads[axis + 2] < size[axis] for axis in (0, 1))
-    )
-
-
-def _insert(graph: Any, before: Any, *nodes: Any) -> None:
-    index = list(graph.node).index(before)
-    for node in reversed(nodes):
-        graph.node.insert(index, node)
 
 
 def _by_255(onnx: Any, constants: dict[str, Any], division: Any) -> bool:
