@@ -3,10 +3,9 @@
 Each network has its first weights, after a few batches, since the time depends on the shapes alone. A frame is a
 640 x 480 grey image in memory; the time of each way includes preprocessing, the batch axis and the conversion of the
 input. The ways take turns, block by block; a row has the median of the quickest block, and p50 and p99 of all blocks,
-which separates the cost of the way from the other load of the machine. OpenVINO is measured where it is installed.
+which separates the cost of the way from the other load of the machine.
 """
 
-import importlib.util
 import time
 from collections.abc import Callable
 from typing import Any
@@ -131,10 +130,8 @@ def _ways(
         return lambda: made(**ready())
 
     ways = {"torch eager": eager(False), "torch eager, channels last": eager(True)}
-    runtimes = ["onnxruntime", *(["openvino"] if importlib.util.find_spec("openvino") else [])]
-    for on in runtimes:
-        for kind, data in (("fp32", graph), ("int8", small)):
-            ways[f"{on} {kind}"] = by(Graph(data, kind, threads=threads, on=on))  # type: ignore[arg-type]
+    for kind, data in (("fp32", graph), ("int8", small)):
+        ways[f"onnxruntime {kind}"] = by(Graph(data, kind, threads=threads))
     return {way: _row(blocks) for way, blocks in _rounds(ways).items()}
 
 

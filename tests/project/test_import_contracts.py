@@ -219,7 +219,7 @@ def test_only_packages_and_public_modules_have_dunder_all() -> None:
     assert not [str(path.relative_to(SOURCE)) for path in private if "__all__ = " in path.read_text(encoding="utf-8")]
 
 
-NEVER = ("torch", "monai", "onnx", "onnxscript", "onnxruntime", "openvino")
+NEVER = ("torch", "monai", "onnx", "onnxscript", "onnxruntime")
 
 
 @pytest.mark.parametrize(
