@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import log_softmax, softmax
 
 from ...training import TISSUE_N_PER_M, tissue_shares
 from ...types import FloatArray, IntArray
@@ -29,12 +30,6 @@ _USUAL_WEIGHT = 0.1
 """Weight if no held-out session states its tissue."""
 MIN_CLASS_SHARE = 0.01
 _CENTRES = np.log(TISSUE_N_PER_M)
-
-
-def log_softmax(logits: npt.NDArray[np.floating]) -> FloatArray:
-    """Returns the logarithms of the shares over the last axis."""
-    shifted = logits.astype(np.float64) - logits.max(axis=-1, keepdims=True)
-    return shifted - np.log(np.exp(shifted).sum(axis=-1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +87,7 @@ class TissueBelief:
         if before is None or stamp_ns > before:
             step = SPACING_S if before is None else 1e-9 * (stamp_ns - before)
             kept = np.exp(-step / FORGOTTEN_S)
-            told = log_softmax(logits) - self._evidence.log_share
+            told = log_softmax(logits.astype(np.float64)) - self._evidence.log_share
             now = log_softmax(self._log + told)
             known = np.logaddexp(np.log(kept) + log_softmax(self._log), np.log1p(-kept) + self._prior)
             self._log = log_softmax(known + self._evidence.weight * min(1.0, step / SPACING_S) * told)
@@ -121,7 +116,7 @@ def fit_tissue_evidence(
     Returns:
         The evidence; the smallest weight whose likelihood is within one standard error of the best.
     """
-    share = np.maximum(np.exp(log_softmax(logits)).mean(axis=0), MIN_CLASS_SHARE)
+    share = np.maximum(softmax(logits.astype(np.float64), axis=1).mean(axis=0), MIN_CLASS_SHARE)
     log_share = np.log(share / share.sum())
     stated = np.isfinite(log_stiffness)
     if len(np.unique(session[stated])) < 2:

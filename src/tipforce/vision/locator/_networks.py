@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.special import expit, softmax
 
 from ...types import Box, FloatArray
 from ._prompts import CHANNELS, SIZES, Prompts, channels
@@ -120,12 +121,8 @@ def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path |
     reach = OTHER_BASE_CELLS
     base[0, max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1] = 0.0
     other, other_mass = _peaks(base)
-    weights = np.exp(states[0].astype(np.float64) - states[0].max(axis=1, keepdims=True))
-    there = 1.0 / (1.0 + float(np.exp(-present[0])))
-    return RoughPoints(
-        points, mass, weights / weights.sum(axis=1, keepdims=True), there, other[0], float(other_mass[0]),
-        in_region,
-    )  # fmt: skip
+    likely = softmax(states[0].astype(np.float64), axis=1)
+    return RoughPoints(points, mass, likely, float(expit(float(present[0]))), other[0], float(other_mass[0]), in_region)
 
 
 def _cells_in(region: Box, rows: int, columns: int) -> npt.NDArray[np.bool_]:
@@ -164,14 +161,9 @@ def refine(strip: Strip, network: Path | None = None) -> Offsets:
     return Offsets(
         offset[0].astype(np.float64),
         np.exp(log_spread[0].astype(np.float64)),
-        _softmax(base[0].astype(np.float64)),
-        _softmax(tip[0].astype(np.float64)),
-        1.0 / (1.0 + np.exp(-seen[0].astype(np.float64))),
+        softmax(base[0].astype(np.float64)),
+        softmax(tip[0].astype(np.float64)),
+        expit(seen[0].astype(np.float64)),
         float(right[0]),
         float(np.exp(log_width[0])),
     )
-
-
-def _softmax(logits: FloatArray) -> FloatArray:
-    weights = np.exp(logits - logits.max())
-    return weights / weights.sum()
