@@ -15,13 +15,12 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import torch
-from bench.locator.train import read_weights
+from bench.locator.train import heat_peaks, read_weights
 
 from tipforce.training.locator import (
     NOMINAL_LENGTH_PX,
     SIZE_MULTIPLE_PX,
     Locator,
-    heat_peaks,
     network_input,
     prompt_channels,
 )

@@ -22,15 +22,16 @@ from typing import Any
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from bench.locator.feed import CHUNK, Feed
 
 from tipforce.training.locator import (
     LINE_POINTS,
     PROMPT_FIELDS,
+    STRIDE_PX,
     WINDOW_FIELDS,
     Encoder,
     Locator,
-    heat_peaks,
     linear_rate,
     locator_from_graph,
     locator_loss,
@@ -42,6 +43,35 @@ RATE = 2e-3
 ENCODER_RATE = 0.4
 """Share of the learning rate that the pretrained encoder is given."""
 WARMUP_STEPS = 500
+
+
+@torch.no_grad()
+def heat_peaks(heat: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Returns the peaks of the heat maps, to a fraction of a cell.
+
+    Args:
+        heat: (b, k, h / 4, w / 4) logits; see `LocatorOutputs`.
+
+    Returns:
+        (b, k, 2) u, v px of the points; (b, k) probability that the point is within a cell of its peak.
+    """
+    b, k, h, w = heat.shape
+    logits = torch.cat([heat.float().flatten(2), heat.new_zeros(b, k, 1).float()], -1)
+    share = F.softmax(logits, -1)[..., :-1].reshape(b, k, h, w)
+    padded = F.pad(share, (1, 1, 1, 1))
+    index = share.flatten(2).argmax(-1)
+    row, column = index // w, index % w
+    total = torch.zeros_like(index, dtype=torch.float32)
+    weighted_sum = torch.zeros(b, k, 2, device=heat.device)
+    image_index = torch.arange(b, device=heat.device)[:, None]
+    point_index = torch.arange(k, device=heat.device)[None]
+    for dv in (-1, 0, 1):
+        for du in (-1, 0, 1):
+            mass = padded[image_index, point_index, row + 1 + dv, column + 1 + du]
+            total = total + mass
+            weighted_sum = weighted_sum + mass[..., None] * torch.stack([column + du, row + dv], -1).float()
+    mean_cell = weighted_sum / total[..., None].clamp_min(1e-9)
+    return (mean_cell + 0.5) * STRIDE_PX - 0.5, total
 
 
 def cosine_rate(step: int, steps: int, warmup: int = WARMUP_STEPS) -> float:

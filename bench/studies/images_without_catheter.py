@@ -25,7 +25,7 @@ from bench.locator.tubes import Drawer
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.simulation.world import FAST
 from tipforce.types import Catheter, Image, SessionInfo, ViewInfo
-from tipforce.vision import ResolvedVision, ShapeDetector, VisionSettings, contact_sheet, draw_shape, session_vision
+from tipforce.vision import ResolvedVision, SessionDetector, ShapeDetector, VisionSettings, contact_sheet, draw_shape
 from tipforce.vision._by_locator import LocatorDetector
 from tipforce.vision._line_probability import line_features, probability
 
@@ -114,7 +114,7 @@ def judge(
     tried = [("alone", nothing, frames[:1]), ("alone, stated", stated, frames[:1])]
     tried += [("session", nothing, frames), ("session, stated", stated, frames)] if as_session else []
     for way, info, images in tried:
-        detector = ShapeDetector(session_vision(VisionSettings(), images, info), info)
+        detector = ShapeDetector(SessionDetector(VisionSettings(), info, images).vision, info)
         for k, image in enumerate(images):
             shape = detector.detect(image)
             count[f"{way} of"] += 1

@@ -107,12 +107,13 @@ def test_a_prompt_that_is_not_stated_leaves_its_channel_empty():
 
 
 def test_the_loss_is_least_for_heat_at_the_true_points(scenes):
+    from bench.locator.train import heat_peaks
+
     from tipforce.training.locator import (
         HEATMAP_SIGMA_CELLS,
         LINE_POINTS,
         STRIDE_PX,
         LocatorOutputs,
-        heat_peaks,
         locator_loss,
     )
 
@@ -134,9 +135,9 @@ def test_the_loss_is_least_for_heat_at_the_true_points(scenes):
 
 
 def test_the_checkpoint_of_the_repository_finds_the_catheter_in_most_scenes(scenes):
-    from bench.locator.train import figures
+    from bench.locator.train import figures, heat_peaks
 
-    from tipforce.training.locator import heat_peaks, locator_from_graph, network_input, prompt_channels
+    from tipforce.training.locator import locator_from_graph, network_input, prompt_channels
 
     network = locator_from_graph(ROOT / "src/tipforce/vision/locator/locator.onnx")
     rng = np.random.default_rng(5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tipforce.types import Catheter, SessionInfo, Status, ViewInfo
-from tipforce.vision import ShapeDetector, Tracer, VisionSettings, auto_calibrate, for_session, session_vision
+from tipforce.vision import SessionDetector, Tracer, VisionSettings, auto_calibrate, for_session
 
 from .conftest import judge, load  # type: ignore[import-not-found]
 
@@ -86,5 +86,5 @@ def test_a_shaft_of_another_length_than_the_stated_one_is_not_taken() -> None:
     longer = SessionInfo("monday", Catheter("test tube", 0.012, 0.6, 0.04), {"camera": ViewInfo(1e-3)})
     drawn = [tubes.draw(np.random.default_rng(840 + k), tubes.Look(length=LENGTH)) for k in range(3)]
     images = [tube.image for tube in drawn]
-    detector = ShapeDetector(session_vision(VisionSettings(), images, longer))
+    detector = SessionDetector(VisionSettings(), longer, images)
     assert not any(detector.detect(image).found for image in images)

@@ -9,10 +9,10 @@ from tipforce.errors import InputError
 from tipforce.types import BaseSide, Catheter, Image, SessionInfo, Status, ViewInfo
 from tipforce.vision import (
     ResolvedVision,
+    SessionDetector,
     ShapeDetector,
     VisionSettings,
     auto_calibrate,
-    session_vision,
 )
 
 from .drawn_tubes import SIZE, draw_tubes  # type: ignore[import-not-found]
@@ -68,7 +68,7 @@ def test_the_base_lies_at_the_mouth_of_a_sheath(side: BaseSide, light: bool) -> 
 def test_a_sheath_without_a_shaft_of_the_stated_length_is_not_taken() -> None:
     sheath = (_straight(-20.0, MOUTH[0], MOUTH[1]), 1.9 * DIAMETER, 90.0)
     images = [draw_tubes(k, (_arc(MOUTH, turn, 120.0), DIAMETER, 60.0), sheath) for k, turn in enumerate(BENDS)]
-    detector = ShapeDetector(session_vision(VisionSettings(), images, SESSION))
+    detector = ShapeDetector(SessionDetector(VisionSettings(), SESSION, images).vision)
     assert not any(detector.detect(image).found for image in images)
 
 
@@ -157,7 +157,7 @@ def test_what_is_right_with_less_than_the_least_probability_is_refused(least: fl
 
 def test_a_session_that_is_refused_is_refused_in_each_of_its_images() -> None:
     posts = _posts()
-    alone = session_vision(VisionSettings(), posts, SESSION)
+    alone = SessionDetector(VisionSettings(), SESSION, posts).vision
     assert isinstance(alone, ResolvedVision)
     shape = ShapeDetector(alone).detect(posts[0])
     assert shape.status is Status.NO_CATHETER
@@ -166,4 +166,4 @@ def test_a_session_that_is_refused_is_refused_in_each_of_its_images() -> None:
 
 def test_where_the_metadata_tell_no_size_each_image_is_looked_at_by_itself() -> None:
     empty = [draw_tubes(k) for k in range(4)]
-    assert session_vision(VisionSettings(), empty, SessionInfo()) == VisionSettings()
+    assert SessionDetector(VisionSettings(), SessionInfo(), empty).vision == VisionSettings()

@@ -12,7 +12,7 @@ from ._draw import contact_sheet, draw_estimate, draw_objects, draw_shape, shaft
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
 from ._line_probability import fitted_log_odds, line_log_odds
-from ._session_calibration import RESOLVED_AFTER_IMAGES, SessionCalibration, SessionDetector, session_vision
+from ._session_calibration import RESOLVED_AFTER_IMAGES, SessionCalibration, SessionDetector
 from ._session_size import for_session
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
 from ._thesis_figures import figure_17, figure_18
@@ -61,7 +61,6 @@ __all__ = [
     "is_resolved",
     "likely_objects",
     "line_log_odds",
-    "session_vision",
     "shaft_mask",
     "shape_features",
     "with_advice",

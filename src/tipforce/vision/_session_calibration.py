@@ -20,32 +20,15 @@ KEPT_IMAGES = 16
 """Images from all over the session on which it is resolved again, whenever the session has doubled."""
 
 
-def session_vision(
-    settings: VisionSettings, images: Sequence[Image], info: SessionInfo
-) -> ResolvedVision | VisionSettings:
-    """Resolves the open values of ``settings`` on ``images`` of one session.
-
-    Args:
-        settings: the settings of the user.
-        images: of the session; from all over it, since the ground beneath the tip must change.
-        info: its metadata.
-
-    Returns:
-        The resolved settings. Where no catheter is found in ``images``, settings that refuse every image and say why:
-        an object that was refused in all images together would else be found in one. Where the images are too few, or
-        the metadata too little, to refuse it: ``settings`` with the session metadata of the view, for each image by
-        itself.
-    """
-    try:
-        return auto_calibrate(settings, images, info)
-    except InputError as error:
-        return _without_catheter(settings, images, info, str(error))
-
-
 def _without_catheter(
     settings: VisionSettings, images: Sequence[Image], info: SessionInfo, why: str
 ) -> ResolvedVision | VisionSettings:
-    """Returns the settings of `session_vision` for ``images`` in which no catheter is found."""
+    """Returns the settings of a session in whose ``images`` no catheter is found, for the reason ``why``.
+
+    They refuse every image and say why: an object that was refused in all images together would else be found in one.
+    Where the images are too few, or the metadata too little, to refuse it, each image is read by itself, with the
+    session metadata of the view.
+    """
     if enough_images(images) and nominal_px(info, settings.view) is not None:
         return _any_way(settings).model_copy(update={"refused": why})
     return with_view(settings, info)

@@ -37,7 +37,6 @@ from ._network import (
     Encoder,
     Locator,
     LocatorOutputs,
-    heat_peaks,
 )
 from ._rehearsal import REHEARSAL_FIELDS, rehearsal_windows
 from ._strips import STRIP_FIELDS, StripSource, StripTarget, strip_target
@@ -97,7 +96,6 @@ __all__ = [
     "fine_tune_line",
     "graph_with_line_weights",
     "graph_with_weights",
-    "heat_peaks",
     "labelled_line",
     "line_loss",
     "line_network_from_graph",
