@@ -117,9 +117,11 @@ class SpaceStream:
     def _detected(self, observation: Observation) -> dict[str, DetectedLine | Abstention]:
         """Detects the catheter in the images of an observation, in several at the same time."""
         there = [view for view in self._detections if view in observation.views]
-        if len(there) == 1:  # no thread is needed
-            return {there[0]: self._detections[there[0]].read(observation)}
-        found = self._pool.map(lambda view: self._detections[view].read(observation), there)
+
+        def read(view: str) -> DetectedLine | Abstention:
+            return self._detections[view].read(observation)
+
+        found = self._pool.map(read, there) if len(there) > 1 else map(read, there)
         return dict(zip(there, found, strict=True))
 
     def _estimate(self, observation: Observation) -> ForceEstimate:
