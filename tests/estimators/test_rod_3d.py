@@ -10,10 +10,11 @@ from tipforce.estimators import create
 from tipforce.estimators._session_detection import DetectedLine
 from tipforce.estimators.space import Rod3d, SpaceSettings
 from tipforce.estimators.space._cameras import Reference, ViewLine, base_axes_px, turns
-from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, SHAPE, Constants, errors_of_view
+from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, FIRST_VIEW, SHAPE, Constants, errors_of_view
 from tipforce.estimators.space._filter import SpaceFilter, SpaceResult, ViewShape, rod_of
+from tipforce.estimators.space._mixture import mixed_force
 from tipforce.estimators.space._motion import MAX_LINE_AGE_S, LineMemory, ShownLine, whitened_with_motion
-from tipforce.estimators.space._posterior import linearise
+from tipforce.estimators.space._posterior import Fit, Nodes, linearise
 from tipforce.estimators.space._view_pose import POSE_ERRORS, probability_of
 from tipforce.estimators.space._widths import SpaceWidths
 from tipforce.estimators.space.space import SpaceStream
@@ -221,6 +222,21 @@ def test_a_pose_that_contradicts_the_lines_is_reported(
         assert "the lines of a and b contradict the stated pose of b" in detail
     else:
         assert "views.b.projection is" in detail
+
+
+def test_an_interval_is_open_where_the_grid_ends_on_a_push_that_explains_the_lines() -> None:
+    pushes = np.zeros((5, FIRST_VIEW))
+    pushes[:, 0] = [-0.1, -0.14, -0.18, -0.22, -0.26]
+    free = Fit(np.zeros(FIRST_VIEW), np.zeros((1, 4)), 50.0, 50.0, np.eye(FIRST_VIEW), np.array([1.0, 0.0, 0.0]), True)
+    ends: list[float] = []
+    for last_cost in (0.5, 5.0):
+        cost = np.array([0.0, 0.0, 0.1, 0.2, last_cost])
+        covariance = np.tile(1e-6 * np.eye(FIRST_VIEW), (5, 1, 1))
+        nodes = Nodes(np.eye(3), 1, 0.04, pushes, cost, covariance, -cost, np.tile([1.0, 0.0, 0.0], (5, 1)))
+        force, _ = mixed_force([nodes], free, 0.0, 0.8)
+        ends.append(float(force.high_n[3]))
+        assert force.low_n[0] == pytest.approx(-force.high_n[3], abs=1e-3)
+    assert ends == [0.8, pytest.approx(0.222, abs=2e-3)]
 
 
 def test_the_probability_of_a_pose_counts_only_what_the_lines_show() -> None:
