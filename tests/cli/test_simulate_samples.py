@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tipforce._system.executor import LocalExecutor
 from tipforce.alignment import labels
 from tipforce.cli import app
 from tipforce.datasets import open_dataset
@@ -35,7 +36,7 @@ def content(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("samples") / "set"
-    write(folder, WANTED, shards=False, masks=True, workers=1)
+    write(folder, WANTED, shards=False, masks=True, executor=LocalExecutor(1))
     return folder
 
 
@@ -97,7 +98,7 @@ def test_the_truth_lies_apart_and_fits_images_and_masks(made):
 def sharded(tmp_path_factory) -> Path:
     pytest.importorskip("pyarrow")
     folder = tmp_path_factory.mktemp("shards") / "set"
-    write(folder, WANTED, shards=True, masks=False, workers=1)
+    write(folder, WANTED, shards=True, masks=False, executor=LocalExecutor(1))
     return folder
 
 
@@ -105,7 +106,7 @@ def sharded(tmp_path_factory) -> Path:
 def test_a_folder_whose_note_is_damaged_is_not_gone_on_with(tmp_path, content):
     (tmp_path / "simulated.json").write_text(content)
     with pytest.raises(FileFormatError, match=r"simulated\.json: .*; choose another folder with -o"):
-        write(tmp_path, WANTED, shards=False, masks=False, workers=1)
+        write(tmp_path, WANTED, shards=False, masks=False, executor=LocalExecutor(1))
 
 
 def test_shards_hold_the_same_samples(made, sharded):
@@ -152,10 +153,10 @@ def test_two_processes_write_the_same_bytes_and_a_whole_set_is_kept(made, tmp_pa
 def test_a_set_of_something_else_is_not_mixed_with_it(made, tmp_path):
     other = WANTED.model_copy(update={"seed": 4})
     with pytest.raises(InputError, match="was simulated with seed = 3, not 4"):
-        write(made, other, shards=False, masks=True, workers=1)
+        write(made, other, shards=False, masks=True, executor=LocalExecutor(1))
     (tmp_path / "notes.txt").write_text("precious")
     with pytest.raises(InputError, match="is there already and no set of simulated samples"):
-        write(tmp_path, WANTED, shards=False, masks=True, workers=1)
+        write(tmp_path, WANTED, shards=False, masks=True, executor=LocalExecutor(1))
 
 
 def test_a_set_that_does_not_fit_the_disk_is_refused_before_the_work(tmp_path):

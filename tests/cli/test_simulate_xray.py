@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tipforce._system.executor import LocalExecutor
 from tipforce.cli import app
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
@@ -61,7 +62,7 @@ def wanted(request):
     return sample_set(brief(request.param, 15.0), seed=5, samples=4, per_session=2, seconds=8.0)
 
 
-write = partial(write_samples, say=print, progress=lambda what, share: None, lossless=False, workers=1)
+write = partial(write_samples, say=print, progress=lambda what, share: None, lossless=False, executor=LocalExecutor(1))
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tipforce._system.executor import LocalExecutor
 from tipforce.cli import app
 from tipforce.datasets import PERTURBATIONS, Dataset, open_dataset, perturbed
 from tipforce.errors import ModelError
@@ -107,7 +108,7 @@ def unseen(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     folder = tmp_path_factory.mktemp("simulated") / "set"
     wanted = sample_set(PRESETS["bench-2021"], seed=77, samples=36, per_session=12, seconds=10.0)
     write_samples(
-        folder, wanted, shards=False, masks=False, workers=1, say=print, lossless=False,
+        folder, wanted, shards=False, masks=False, executor=LocalExecutor(1), say=print, lossless=False,
         progress=lambda what, share: None,
     )  # fmt: skip
     return open_dataset(folder)

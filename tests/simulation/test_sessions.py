@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tipforce._system.executor import LocalExecutor
 from tipforce.errors import InputError
 from tipforce.simulation import (
     SimulatedBench,
@@ -38,7 +39,7 @@ def fail(bench, target, tick):
 @pytest.fixture(scope="module")
 def root(short, tmp_path_factory):
     root = tmp_path_factory.mktemp("sessions")
-    simulate(root, leave, short, suffix="", sessions=2, seed=21, workers=1)
+    simulate(root, leave, short, suffix="", sessions=2, seed=21, executor=LocalExecutor(1))
     return root
 
 
@@ -97,7 +98,7 @@ def test_truth_comes_back_as_it_was(root, bench):
 
 
 def test_the_same_seed_writes_the_same_bytes(root, short, tmp_path):
-    simulate(tmp_path, leave, short, suffix="", sessions=1, seed=21, workers=1)
+    simulate(tmp_path, leave, short, suffix="", sessions=1, seed=21, executor=LocalExecutor(1))
     for path in sorted((root / "session_00").iterdir()):
         assert path.read_bytes() == (tmp_path / "session_00" / path.name).read_bytes(), path.name
 

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from ..errors import InputError
 from ..types import Clock, Event, Frame, SessionInfo, Source, SystemClock, views_of
@@ -83,7 +82,5 @@ class PacedSource:
         self.file.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.file.__exit__(kind, error, trace)
+    def __exit__(self, *error: Any) -> None:
+        self.file.__exit__(*error)

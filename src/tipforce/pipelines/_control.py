@@ -4,7 +4,6 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -297,10 +296,8 @@ class ControlSession:
         self.loop = ControlLoop(bench.actuators, bench.clock, path, self._control, 1.0 / world.clock.fps)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.simulation.__exit__(kind, error, trace)
+    def __exit__(self, *error: Any) -> None:
+        self.simulation.__exit__(*error)
 
     def events(self) -> Iterator[Event]:
         """Yields all events of the session; the operator starts the run immediately."""

@@ -42,7 +42,6 @@ def write_samples(
     lossless: bool,
     say: Callable[[str], None],
     progress: Callable[[str, float], None],
-    workers: int | None = None,
     executor: Executor | None = None,
 ) -> None:
     """Simulates samples into a dataset folder, their truth into its folder ``truth``; finished sessions are kept.
@@ -55,8 +54,7 @@ def write_samples(
         lossless: keep every pixel as it is rendered.
         say: called with a line for people, such as a warning about disk space.
         progress: called with the current step and the share that is done.
-        workers: number of processes; None: as many as there are cores.
-        executor: runs the sessions; None: ``workers`` processes of this machine.
+        executor: runs the sessions; None: as many processes as there are cores.
 
     Raises:
         InputError: the views are not of one instant, something else is in ``folder``, or the disk has too little room.
@@ -85,7 +83,7 @@ def write_samples(
     manifest.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     work = partial(_write_session, wanted, into, masks, lossless)
     what = f"simulating {len(todo)} sessions"
-    chosen = executor or LocalExecutor(workers)
+    chosen = executor or LocalExecutor()
     chosen.run(work, todo, steps=wanted.per_session, shared=folder, progress=partial(progress, what))
     settings = wanted.settings
     into.finish(f"{settings.preset}, seed {wanted.seed}, {wanted.samples} simulated samples")

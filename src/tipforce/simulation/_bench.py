@@ -25,7 +25,7 @@ from ..types import (
     TissueInfo,
 )
 from ._imaging import Imaging, make_imaging, view_delays_s, view_names
-from ._settings import AnySimulationSettings, SimulationSettings
+from ._settings import AnySimulationSettings, SimulationSettings, settings_of_session
 from ._trajectory_sampling import Readings, TrajectoryInterpolator
 from .rendering.camera import ImageTruth
 from .world import FINE, Resolution, SensorLog, Session, Trajectory, run_session
@@ -60,7 +60,7 @@ class SimulatedBench(ClosedAtExit):
     ) -> None:
         self.preset_settings = settings or SimulationSettings()
         """The settings as given, from which the parameters of the session are drawn."""
-        self.settings = self.preset_settings.of_session(seed, session)
+        self.settings = settings_of_session(self.preset_settings, seed, session)
         """The settings of this session, with its camera."""
         self.seed, self.number, self.resolution = seed, session, resolution
         self.name = name or f"session_{session:02d}"

@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from functools import cached_property
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -287,10 +286,8 @@ class LiveSimulation:
         )
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.actuators.__exit__(kind, error, trace)
+    def __exit__(self, *error: Any) -> None:
+        self.actuators.__exit__(*error)
 
     @property
     def settings(self) -> AnySimulationSettings:

@@ -78,7 +78,6 @@ def simulate(
     suffix: str = ".mcap",
     sessions: int = 8,
     seed: int = 0,
-    workers: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> list[Path]:
@@ -91,8 +90,7 @@ def simulate(
         suffix: suffix of the paths, as in ``session_00.mcap``; empty for a session that is a folder.
         sessions: number of sessions.
         seed: seed of all random numbers.
-        workers: number of processes, by default as many as there are cores; 1: this process.
-        executor: runs the work in place of these processes.
+        executor: runs the work; None: as many processes as there are cores.
         progress: called with a text and the finished share, 0 to 1.
 
     Returns:
@@ -111,7 +109,7 @@ def simulate(
     root.mkdir(parents=True, exist_ok=True)
     with output_lock(root):
         what = f"simulating {len(wanted)} sessions"
-        (executor or LocalExecutor(workers)).run(
+        (executor or LocalExecutor()).run(
             work, wanted, steps=frames, shared=root, progress=None if progress is None else partial(progress, what)
         )
     return places

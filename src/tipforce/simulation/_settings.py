@@ -1,7 +1,7 @@
 """All settings of a simulated bench, and the presets of the benchmark protocol."""
 
 import operator
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -39,14 +39,13 @@ class CameraChoice(Settings):
 
 
 _DetectorSide = Annotated[int, Field(ge=128, le=2048, multiple_of=8)]
+"""Width or height of a fluoroscope's image in px."""
 
 
-class DetectorChoice(Settings):
+class DetectorChoice(CameraChoice):
     """Detectors of a fluoroscope, pulse rates and orientation of the catheter: one entry of each list is drawn."""
 
     sizes: Annotated[tuple[tuple[_DetectorSide, _DetectorSide], ...], Field(min_length=1)]
-    fps: Annotated[tuple[Annotated[float, Field(gt=0, le=240)], ...], Field(min_length=1)]
-    base_sides: Annotated[tuple[Literal["left", "right", "top", "bottom"], ...], Field(min_length=1)]
 
 
 class SimulationSettings(_BenchSettings):
@@ -58,16 +57,7 @@ class SimulationSettings(_BenchSettings):
     width: int = Field(default=640, ge=160, le=4096, multiple_of=2)
     height: int = Field(default=480, ge=120, le=4096, multiple_of=2)
     cameras: CameraChoice | None = Field(default=None, exclude_if=operator.not_)
-    """A camera is drawn from these for each session; None: one camera for all. See `of_session`."""
-
-    def of_session(self, seed: int, session: int) -> "SimulationSettings":
-        """Returns the settings with the camera of one session.
-
-        Args:
-            seed: seed of all random numbers.
-            session: number of the session, from 0.
-        """
-        return _with_camera(self, self.cameras, seed, session)
+    """A camera is drawn from these for each session; None: one camera for all. See `settings_of_session`."""
 
 
 class FluoroSettings(_BenchSettings):
@@ -98,20 +88,22 @@ class FluoroSettings(_BenchSettings):
             )
         return self
 
-    def of_session(self, seed: int, session: int) -> "FluoroSettings":
-        """Returns the settings with the detector of one session.
 
-        Args:
-            seed: seed of all random numbers.
-            session: number of the session, from 0.
-        """
-        return _with_camera(self, self.detectors, seed, session)
+AnySimulationSettings = SimulationSettings | FluoroSettings
 
 
-_Bench = TypeVar("_Bench", SimulationSettings, FluoroSettings)
+def settings_of_session(settings: AnySimulationSettings, seed: int, session: int) -> AnySimulationSettings:
+    """Returns the settings of a bench with the camera or the detector of one session.
 
+    Args:
+        settings: settings of the bench.
+        seed: seed of all random numbers.
+        session: number of the session, from 0.
 
-def _with_camera(settings: _Bench, choice: "CameraChoice | DetectorChoice | None", seed: int, session: int) -> _Bench:
+    Returns:
+        The settings with one drawn size, rate and base side; ``settings`` where nothing is drawn.
+    """
+    choice = settings.cameras if isinstance(settings, SimulationSettings) else settings.detectors
     if choice is None:
         return settings
     rng = np.random.default_rng([seed, session, 8])
@@ -128,8 +120,6 @@ def _with_camera(settings: _Bench, choice: "CameraChoice | DetectorChoice | None
         }
     )
 
-
-AnySimulationSettings = SimulationSettings | FluoroSettings
 
 _FRENCH_M = 1e-3 / 3
 """1 F of diameter."""
