@@ -7,7 +7,7 @@ import pytest
 
 from tipforce.alignment import observations
 from tipforce.errors import FileFormatError, InputError, TimeError
-from tipforce.io import RecordingReader, VideoWriter, open_source, require_actuation, write_video
+from tipforce.io import RecordingReader, open_source, require_actuation, write_video
 from tipforce.io._force_log import read_force_log
 from tipforce.types import Actuation, ForceLogInfo, Frame, SessionInfo
 
@@ -69,12 +69,6 @@ def test_a_video_that_fails_halfway_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not one frame"):
         write_video(tmp_path / "v.mp4", [], 24)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_video_is_not_written_over_where_that_is_not_wanted(tmp_path: Path) -> None:
-    (tmp_path / "v.mp4").write_bytes(b"mine")
-    with pytest.raises(FileFormatError, match="exists already"):
-        VideoWriter(tmp_path / "v.mp4", 24, overwrite=False)
 
 
 def test_what_is_no_video_is_called_so(tmp_path: Path) -> None:

@@ -4,19 +4,20 @@ from collections.abc import Iterable
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import av
 import numpy as np
 from av.container import OutputContainer
 
 from ..._system.atomic import atomic_path, check_output_file
-from ...errors import FileFormatError, InputError, TimeError
+from ...errors import InputError, TimeError
 from ...types import Frame, Image
 
 TICKS_PER_S = 90_000
 """Ticks per second of the files: 11 microseconds each, the clock of broadcast video."""
+CRF = 20
+"""Quality of x264, 0 to 51; a smaller number is better."""
 
 
 class VideoWriter:
@@ -28,13 +29,11 @@ class VideoWriter:
     Args:
         path: the file.
         fps: nominal rate, frames per second.
-        crf: quality, 0 to 51.
         preset: preset of x264; a faster one makes larger files.
         threads: number of threads, 0 for the default of x264; the bytes depend on it.
         lossless: whether every pixel is restored exactly; this needs RGB in place of yuv420p, which browsers do not
             show.
         zero_ns: every frame is shown at its own stamp minus this; None: the stamp of the first frame.
-        overwrite: whether ``path`` may be replaced.
     """
 
     def __init__(
@@ -42,24 +41,20 @@ class VideoWriter:
         path: Path | str,
         fps: float,
         *,
-        crf: int = 20,
         preset: str = "veryfast",
         threads: int = 0,
         lossless: bool = False,
         zero_ns: int | None = None,
-        overwrite: bool = True,
     ) -> None:
         self.path = Path(path)
         check_output_file(self.path)
         self._file = ExitStack()
-        if self.path.exists() and not overwrite:
-            raise FileFormatError(f"{self.path}: exists already; choose another name or state overwrite=True")
         if not 0.01 <= fps <= 10_000:
             raise InputError(f"{self.path}: {fps} frames a second is no rate for a video")
         self._rate = Fraction(fps).limit_denominator(1001)
         self._zero_ns = zero_ns
         self._lossless = lossless
-        self._options = {"crf": "0" if lossless else str(crf), "preset": preset, "bf": "0"} | (
+        self._options = {"crf": "0" if lossless else str(CRF), "preset": preset, "bf": "0"} | (
             {"threads": str(threads)} if threads else {}
         )
         self._container: OutputContainer | None = None
@@ -102,9 +97,7 @@ class VideoWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if self._container is None or self._stream is None:
             if error is None:
                 raise InputError(f"{self.path}: there is not one frame to write")
