@@ -19,6 +19,8 @@ CHUNK = 16
 SLOTS = 96
 PRESET_SHARE = 0.42
 """Share of the workers that draw windows from the presets' renderers; they are slower."""
+XRAY_PRESETS = ("fluoro", "biplane")
+"""The names of X-ray presets begin with these."""
 _FIRST_IMAGES, _RESERVOIR_IMAGES, _WINDOWS_PER_IMAGE = 24, 240, 14
 
 Array = np.ndarray[Any, Any]
@@ -42,11 +44,26 @@ def _views(memory: shared_memory.SharedMemory, slot: int) -> dict[str, Array]:
     }
 
 
-def _work(kind: str, seed: int, memory: shared_memory.SharedMemory, free: Any, full: Any) -> None:
+def image_shares(xray_share: float | None = None) -> dict[str, float]:
+    """Returns the share of each preset's images; those of the X-ray presets together are ``xray_share`` if given."""
+    shares = PRESET_IMAGE_SHARES
+    if xray_share is None:
+        return shares
+    xray = sum(share for name, share in shares.items() if name.startswith(XRAY_PRESETS))
+    camera = sum(shares.values()) - xray
+    return {
+        name: share * (xray_share / xray if name.startswith(XRAY_PRESETS) else (1.0 - xray_share) / camera)
+        for name, share in shares.items()
+    }
+
+
+def _work(
+    kind: str, seed: int, memory: shared_memory.SharedMemory, free: Any, full: Any, shares: dict[str, float]
+) -> None:
     """One worker: draws windows into free slots of the shared memory until it is ended."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng([seed, 77])
-    windows = preset_windows(rng, seed) if kind == "presets" else scene_windows(rng)
+    windows = preset_windows(rng, seed, shares) if kind == "presets" else scene_windows(rng)
     while True:
         slot = free.get()
         views = _views(memory, slot)
@@ -64,10 +81,12 @@ def scene_windows(rng: np.random.Generator) -> Iterator[Any]:
         yield window(scene.draw(rng, drawer, WINDOW_PX), rng, 0)
 
 
-def preset_windows(rng: np.random.Generator, seed: int) -> Iterator[Any]:
+def preset_windows(
+    rng: np.random.Generator, seed: int, shares: dict[str, float] = PRESET_IMAGE_SHARES
+) -> Iterator[Any]:
     """Yields windows of stored images; one image is replaced after every few windows."""
     kept: list[LabelledImage] = []
-    for sample in labelled_images(rng, seed):
+    for sample in labelled_images(rng, seed, shares):
         kept.append(sample)
         if len(kept) > _RESERVOIR_IMAGES:
             kept.pop(int(rng.integers(_RESERVOIR_IMAGES)))
@@ -76,13 +95,15 @@ def preset_windows(rng: np.random.Generator, seed: int) -> Iterator[Any]:
             yield window(random_scene(chosen, rng), rng, 2 if chosen.xray else 1)
 
 
-def labelled_images(rng: np.random.Generator, seed: int) -> Iterator[LabelledImage]:
-    """Yields images of sessions of the presets, in their shares."""
-    names, shares = list(PRESET_IMAGE_SHARES), np.array(list(PRESET_IMAGE_SHARES.values()))
+def labelled_images(
+    rng: np.random.Generator, seed: int, shares: dict[str, float] = PRESET_IMAGE_SHARES
+) -> Iterator[LabelledImage]:
+    """Yields images of sessions of the presets, each preset in its share."""
+    names, weights = list(shares), np.array(list(shares.values()))
     number = 0
     while True:
         number += 1
-        preset = str(rng.choice(names, p=shares / shares.sum()))
+        preset = str(rng.choice(names, p=weights / weights.sum()))
         yield from preset_images(PRESET_IMAGES_SEED + seed, number, preset)
 
 
@@ -95,19 +116,22 @@ class Feed:
         workers: number of processes.
         seed: of the first worker; the others follow.
         preset_share: share of the workers that draw from the presets' renderers.
+        xray_share: share of X-ray among the images of the presets; None: that of ``PRESET_IMAGE_SHARES``.
     """
 
-    def __init__(self, workers: int, seed: int, preset_share: float = PRESET_SHARE) -> None:
+    def __init__(
+        self, workers: int, seed: int, preset_share: float = PRESET_SHARE, xray_share: float | None = None
+    ) -> None:
         context = get_context("fork")
         self._memory = shared_memory.SharedMemory(create=True, size=SLOTS * _layout()[1])
         self._free, self._full = context.Queue(), context.Queue()
         for slot in range(SLOTS):
             self._free.put(slot)
-        drawing = round(preset_share * workers)
+        drawing, shares = round(preset_share * workers), image_shares(xray_share)
         self._processes = [
             context.Process(
                 target=_work,
-                args=("presets" if k < drawing else "scenes", seed + k, self._memory, self._free, self._full),
+                args=("presets" if k < drawing else "scenes", seed + k, self._memory, self._free, self._full, shares),
                 daemon=True,
             )
             for k in range(workers)

@@ -95,6 +95,21 @@ def test_a_window_keeps_the_line_on_the_catheter():
         assert abs(values - scene.image.mean()) > 30.0
 
 
+def test_among_other_instruments_a_prompt_always_says_which_one_is_meant():
+    line, state = labelled_line(np.array([[-40.0, 60.0], [60.0, 62.0], [110.0, 80.0]]), SIZE, tip_hidden=False)
+    image = np.full((*SIZE, 3), 120, np.uint8)
+    labelled = LabelledImage(image, line, state, None, 0, 8.0, xray=True, ambiguous=True)
+    rng = np.random.default_rng(1)
+    windows = [window(random_scene(labelled, rng), rng) for _ in range(30)]
+    prompts = ("base", "region", "tip", "clicks", "track")
+    assert all(any(np.isfinite(getattr(each, name)).any() for name in prompts) for each in windows)
+    marked = [each for each in windows if np.isfinite(each.base).all()]
+    assert marked  # the base is outside: the prompt is where the catheter enters the image
+    for each in marked:
+        entry = each.line[np.flatnonzero(each.state != OUTSIDE)[0]]
+        assert np.linalg.norm(each.base - entry) < 0.2 * WINDOW_PX
+
+
 def test_an_image_without_a_catheter_has_no_point_in_its_windows():
     drawn = window(random_scene(example(0, present=False), np.random.default_rng(1)), np.random.default_rng(2))
     assert drawn.facts[0] == 0.0

@@ -23,6 +23,7 @@ PRESET_IMAGE_SHARES = {
     "biplane-varied": 0.1,
 }
 """Relative frequency of the sessions of each preset."""
+PRESETS_WITH_OTHER_INSTRUMENTS = ("fluoro-varied", "biplane-varied")
 IMAGES_PER_SESSION = 10
 PRESET_IMAGES_SEED = 73_000
 """First seed of the training sessions; reports use seeds below 40,000."""
@@ -65,4 +66,6 @@ def preset_images(seed: int, number: int, preset: str) -> "Iterator[LabelledImag
             side = SIDES.index(info.view(view).base_side or "left")
             xray = info.view(view).modality == "xray"
             pixels, mask = np.ascontiguousarray(image), np.asarray(truth.mask)
-            yield LabelledImage(pixels, line, state, mask, side, diameter, xray)
+            yield LabelledImage(
+                pixels, line, state, mask, side, diameter, xray, ambiguous=preset in PRESETS_WITH_OTHER_INSTRUMENTS
+            )

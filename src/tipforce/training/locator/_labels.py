@@ -37,6 +37,7 @@ class LabelledImage:
         diameter_px: diameter of the shaft; NaN where it is not known.
         xray: whether it is an X-ray image.
         present: whether a catheter is in the image.
+        ambiguous: whether other instruments are in the image, so that a prompt must say which one is meant.
     """
 
     image: Image
@@ -47,6 +48,7 @@ class LabelledImage:
     diameter_px: float
     xray: bool = False
     present: bool = True
+    ambiguous: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +64,7 @@ class Scene:
         decoys: lines of objects of the same kind, which only a prompt distinguishes from the catheter.
         side: index in SIDES of the border that the catheter comes from; -1 where it comes from none.
         diameter_px: diameter of the shaft; NaN where it is not known.
+        ambiguous: whether other instruments are in the image, so that a prompt must say which one is meant.
     """
 
     image: Image
@@ -72,6 +75,7 @@ class Scene:
     decoys: tuple[FloatArray, ...]
     side: int
     diameter_px: float
+    ambiguous: bool = False
 
 
 def labelled_line(

@@ -37,8 +37,8 @@ class Window:
         state: (LABEL_POINTS,) OUTSIDE, HIDDEN or SEEN.
         kind: (CELLS, CELLS) kinds of the cells.
         facts: (4,) present (0 or 1), diameter px, length px, source (0 compositor, 1 camera, 2 X-ray).
-        base: (2,) prompt: u, v px.
-        region: (4,) prompt: u0, v0, u1, v1 px of a box that holds the base.
+        base: (2,) prompt: u, v px of the base, or of the point where the catheter enters the image.
+        region: (4,) prompt: u0, v0, u1, v1 px of a box that holds this point.
         side: (1,) prompt: index in SIDES.
         tip: (2,) prompt: u, v px.
         clicks: (CLICKS, 2) prompt: u, v px on the shaft.
@@ -110,7 +110,8 @@ def _prompts(scene: Scene, length: float, rng: np.random.Generator) -> dict[str,
     if not scene.present:  # a prompt in an image without a catheter points at nothing
         line = line + rng.normal(0.0, 0.2 * WINDOW_PX, 2)
         state = np.where(((line > 0) & (line < WINDOW_PX - 1)).all(axis=1), HIDDEN, OUTSIDE)
-    bare = rng.random() < 0.35 and not scene.decoys
+    ambiguous = scene.ambiguous or bool(scene.decoys)
+    bare = rng.random() < 0.35 and not ambiguous
     if bare:
         return found
     inside = np.flatnonzero(state != OUTSIDE)
@@ -125,17 +126,15 @@ def _prompts(scene: Scene, length: float, rng: np.random.Generator) -> dict[str,
     deciding = ["base", "region", "tip", "clicks", "track"]
     weights = np.array([0.4, 0.15, 0.1, 0.15, 0.2])
     chosen = [name for name, share in zip(deciding, (0.35, 0.12, 0.1, 0.12, 0.18), strict=True) if rng.random() < share]
-    if scene.decoys and not chosen:
+    if ambiguous and not chosen:
         chosen = [str(rng.choice(deciding, p=weights))]
-    if state[0] == OUTSIDE and scene.decoys and len(inside):
-        chosen.append("clicks")
     off = max(1.5, 0.3 * diameter) * (1.0 if rng.random() < 0.85 else 2.0)
     for name in chosen:
-        if name == "base" and state[0] != OUTSIDE:
-            found["base"][:] = line[0] + rng.normal(0.0, off, 2)
-        elif name == "region" and state[0] != OUTSIDE:
-            low = line[0] - rng.uniform(1.0, 8.0, 2) * diameter
-            high = line[0] + rng.uniform(1.0, 8.0, 2) * diameter
+        if name == "base" and len(inside):
+            found["base"][:] = line[inside[0]] + rng.normal(0.0, off, 2)
+        elif name == "region" and len(inside):
+            low = line[inside[0]] - rng.uniform(1.0, 8.0, 2) * diameter
+            high = line[inside[0]] + rng.uniform(1.0, 8.0, 2) * diameter
             found["region"][:] = np.clip(np.concatenate([low, high]), 0.0, WINDOW_PX - 1.0)
         elif name == "tip" and state[-1] != OUTSIDE:
             found["tip"][:] = line[-1] + rng.normal(0.0, off, 2)
@@ -208,4 +207,4 @@ def random_scene(sample: LabelledImage, rng: np.random.Generator) -> Scene:
     outward = np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
     side = -1 if sample.side < 0 else int(np.argmax(outward @ (matrix @ outward[sample.side])))
     state = np.where(inside, sample.state, OUTSIDE).astype(np.uint8)
-    return Scene(lit, line, state, kind, sample.present, (), side, sample.diameter_px * scale)
+    return Scene(lit, line, state, kind, sample.present, (), side, sample.diameter_px * scale, sample.ambiguous)
