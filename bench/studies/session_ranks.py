@@ -33,7 +33,15 @@ from tipforce.estimators.session import (
 )  # fmt: skip
 from tipforce.estimators.session._mixture import _ACROSS, _ACROSS_SHARE, _NEAR_NOTHING
 from tipforce.estimators.session._state import (
-    COUNT, GAIN, K0, LEVER, PLAY, ROD, SessionState, fill_camera_modes, line_modes,
+    COUNT,
+    GAIN,
+    K0,
+    LEVER,
+    PLAY,
+    ROD,
+    SessionState,
+    fill_camera_modes,
+    line_modes,
 )  # fmt: skip
 from tipforce.estimators.session._walk import Session, make_scratch, predict
 from tipforce.mechanics.planar import FORCE, UNKNOWNS, Line, make_work
@@ -109,7 +117,7 @@ class World:
             q[UNKNOWNS.index(name)] += rng.normal(0.0, walk * math.sqrt(FRAME_S))
         for part, lasts_s in (
             (slice(ROD, ROD + MODES), settings.line_error_s),
-            (slice(LEVER, COUNT), settings.prior.friction_s),
+            (slice(LEVER, COUNT), settings.friction_s),
         ):
             keeps = math.exp(-FRAME_S / lasts_s)
             q[part] = keeps * q[part] + math.sqrt(1.0 - keeps**2) * rng.standard_normal(q[part].shape)
