@@ -9,9 +9,9 @@ from typing import Any
 import cv2
 import numpy as np
 from bench.locator import scene
+from bench.locator.presets import PRESET_IMAGE_SHARES, PRESET_IMAGES_SEED, preset_images
 from bench.locator.tubes import Drawer
 
-from tipforce.pipelines import PRESET_IMAGE_SHARES, PRESET_IMAGES_SEED, preset_images
 from tipforce.training.locator import WINDOW_FIELDS, WINDOW_PX, LabelledImage, random_scene, window, window_shapes
 
 CHUNK = 16

@@ -5,7 +5,7 @@ from bench.strains import carried, moment
 from bench.studies.balance_runs import EXACT_CLOCK, EXACT_SENSOR, Run, crept, tangential, touched_way
 
 from tipforce.mechanics.spatial._rod import frames_of
-from tipforce.simulation.world import SensorLoad, read_sensor
+from tipforce.simulation.world import ForceSensor, SensorLoad
 from tipforce.simulation.world._force_sensor import GRAVITY_M_PER_S2
 
 LEVER_PER_M = 25.0
@@ -66,7 +66,9 @@ def force_balance(r: Run, rows: np.ndarray) -> dict[str, float]:
 
     load = SensorLoad(r.time_s, -contact.force_n, contact.touch_m, r.session.trajectory.acceleration_m_per_s2)
     angle = float(np.arctan2(bench_model.forward[1], bench_model.forward[0]))
-    log = read_sensor(EXACT_SENSOR, EXACT_CLOCK, load, angle, r.settings.seconds, np.random.default_rng(0))
+    sensor = ForceSensor(EXACT_SENSOR, EXACT_CLOCK, angle, r.settings.seconds, np.random.default_rng(0))
+    sensor.take(load, 0, len(sensor.log.stamp_ns))
+    log = sensor.log
     place = rows - round(-r.time_s[0] / r.step_s[0])
     acceleration = load.acceleration_m_per_s2[rows]
     moving = EXACT_SENSOR.moving_mass_kg * (GRAVITY_M_PER_S2 - acceleration)

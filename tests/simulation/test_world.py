@@ -14,8 +14,8 @@ from tipforce.simulation.world import (
     Axis,
     AxisModel,
     Drive,
+    ForceSensor,
     SensorLoad,
-    read_sensor,
     run_session,
     smooth_centrelines,
 )
@@ -120,7 +120,9 @@ def test_the_sensor_reads_tip_weight_and_inertia_in_its_own_frame_and_time():
     pull = np.outer(np.cos(5 * t), [0.5, -0.3, 0.0])
     load = SensorLoad(t, tip, np.tile([0.0, 0.0, 0.02], (t.size, 1)), pull)
     exact = SensorSettings(noise_n=0.0, torque_noise_nm=0.0, step_n=(1e-9, 1e-9, 1e-9), torque_step_nm=1e-9)
-    log = read_sensor(exact, ClockSettings(), load, np.radians(33.4), 3.0, np.random.default_rng(4))
+    sensor = ForceSensor(exact, ClockSettings(), np.radians(33.4), 3.0, np.random.default_rng(4))
+    sensor.take(load, 0, len(sensor.log.stamp_ns))
+    log = sensor.log
     assert log.nominal_angle_deg == 33.0
     own = log.stamp_ns * 1e-9
     np.testing.assert_allclose(log.true_s, own * (1 + log.drift) + log.offset_s, atol=1e-12)

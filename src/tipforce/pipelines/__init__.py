@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from ._live import LiveRunSettings, live, live_line, open_live_source
     from ._live_control import HoldSettings, LiveControl
     from ._live_page import LivePage, PageAddress
-    from ._locator_images import PRESET_IMAGE_SHARES, PRESET_IMAGES_SEED, preset_images
     from ._record import RecordingReport, record
     from ._record_bench import BenchRecording, describe_health
     from ._simulate import SimulateReport, preset_settings, simulate, simulate_dataset
@@ -42,8 +41,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COLUMNS",
-    "PRESET_IMAGES_SEED",
-    "PRESET_IMAGE_SHARES",
     "REGIMES",
     "AnnotateSettings",
     "AnnotationJob",
@@ -97,7 +94,6 @@ __all__ = [
     "plot_calibration",
     "plot_control",
     "plot_summary",
-    "preset_images",
     "preset_settings",
     "record",
     "run_control",
@@ -191,7 +187,6 @@ __getattr__, __dir__ = _loaded_on_use(
             "LivePage",
             "PageAddress",
         ),
-        "_locator_images": ("PRESET_IMAGE_SHARES", "PRESET_IMAGES_SEED", "preset_images"),
         "_record": (
             "RecordingReport",
             "record",

@@ -2,7 +2,7 @@
 
 from ._bench_model import BenchModel, build_bench_model, smooth_centrelines
 from ._drives import Axis, AxisModel, Drive
-from ._force_sensor import ForceSensor, SensorLoad, SensorLog, read_sensor
+from ._force_sensor import ForceSensor, SensorLoad, SensorLog
 from ._motion_profile import APPROACH_S, LEAD_S, STEP_S, Motion, instants_until
 from ._motion_solver import FAST, FINE, Resolution
 from ._parameters import DeviceProperties, SessionParameters
@@ -33,7 +33,6 @@ __all__ = [
     "WorldSettings",
     "build_bench_model",
     "instants_until",
-    "read_sensor",
     "require_long_enough",
     "run_session",
     "smooth_centrelines",

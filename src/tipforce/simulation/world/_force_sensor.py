@@ -131,29 +131,3 @@ class ForceSensor:
         step = np.array(settings.step_n)
         log.force_n[rows] = np.round(force / step) * step
         log.torque_nm[rows] = np.round(torque / settings.torque_step_nm) * settings.torque_step_nm
-
-
-def read_sensor(
-    settings: SensorSettings,
-    clock: ClockSettings,
-    load: SensorLoad,
-    normal_angle_rad: float,
-    seconds: float,
-    rng: np.random.Generator,
-) -> SensorLog:
-    """Returns the log of a `ForceSensor` under ``load``.
-
-    Args:
-        settings: settings of the sensor.
-        clock: settings of its clock.
-        load: loads over the whole time.
-        normal_angle_rad: angle of the stage's normal in the base frame.
-        seconds: length of the log.
-        rng: random numbers.
-
-    Returns:
-        All readings.
-    """
-    sensor = ForceSensor(settings, clock, normal_angle_rad, seconds, rng)
-    sensor.take(load, 0, len(sensor.log.stamp_ns))
-    return sensor.log

@@ -3,14 +3,11 @@
 import math
 from collections.abc import Iterator
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..simulation import PRESETS, SampleSet, sample_set
-
-if TYPE_CHECKING:
-    from ..training.locator import LabelledImage
+from tipforce.simulation import PRESETS, SampleSet, sample_set
+from tipforce.training.locator import HIDDEN, LABEL_POINTS, OUTSIDE, SEEN, SIDES, LabelledImage
 
 PRESET_IMAGE_SHARES = {
     "varied": 0.47,
@@ -34,7 +31,7 @@ def _sample_set(preset: str, seed: int) -> SampleSet:
     return sample_set(PRESETS[preset], seed=seed, samples=1_000_000, per_session=IMAGES_PER_SESSION, seconds=16.0)
 
 
-def preset_images(seed: int, number: int, preset: str) -> "Iterator[LabelledImage]":
+def preset_images(seed: int, number: int, preset: str) -> Iterator[LabelledImage]:
     """Yields the images of one session of a preset, from all of its views.
 
     Args:
@@ -42,8 +39,6 @@ def preset_images(seed: int, number: int, preset: str) -> "Iterator[LabelledImag
         number: number of the session in this set.
         preset: name of the preset.
     """
-    from ..training.locator import HIDDEN, LABEL_POINTS, OUTSIDE, SEEN, SIDES, LabelledImage
-
     chosen = _sample_set(preset, seed)
     bench = chosen.bench(number)
     info = bench.session_info
