@@ -36,7 +36,7 @@ PX_PER_M = 1.0 / 0.2e-3
 POINTS = 65
 LOST_FROM_S = 7.5
 FREE_S, FREE_STEP = 4.5, 5
-"""Before this time, in which nothing touches the tip, one frame of so many is read."""
+"""Before this time nothing touches the tip, and one frame of five is read."""
 LIMITS_N = (0.05, 0.1, 0.2)
 LARGE_N = 0.3
 

@@ -202,7 +202,7 @@ def test_a_distance_that_is_not_well_known_widens_the_scale_of_the_first_view() 
 
 
 @pytest.mark.parametrize(("off_deg", "std_deg"), [(10.0, 0.05), (20.0, 0.0)], ids=["stated", "not stated"])
-def test_a_pose_that_contradicts_the_lines_is_reported(
+def test_a_pose_that_does_not_fit_the_lines_is_reported(
     off_deg: float, std_deg: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     info = with_pose(std_deg, 1e-3 * std_deg, off_deg=off_deg, off_m=1e-3 * off_deg)
@@ -219,7 +219,7 @@ def test_a_pose_that_contradicts_the_lines_is_reported(
     assert "`tipforce calibrate RECORDING --views`" in detail
     if std_deg:
         assert "from the view a alone" in detail
-        assert "the lines of a and b contradict the stated pose of b" in detail
+        assert "the lines of a and b do not fit the stated pose of b" in detail
     else:
         assert "views.b.projection is" in detail
 

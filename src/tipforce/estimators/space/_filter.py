@@ -65,7 +65,7 @@ class SpaceResult(NamedTuple):
         late_s: age in s of the image of those views whose next image is late.
         axes_px: (3, 2) directions of the base frame's axes in the image of each view, see `ShapeBeside`.
         tip_axis: (3,) unit vector along the tip, base frame.
-        pose_is_wrong: whether the lines contradict the stated pose of the second view; it is not read then.
+        pose_is_wrong: whether the lines exclude the stated pose of the second view; it is not read then.
         excluded: whether no rod has explained the lines of both views for `_EXCLUDED_S`.
     """
 

@@ -103,7 +103,7 @@ class PoseError:
     reference: Reference
 
     def seen(self, error: FloatArray, placed: PlacedRod) -> tuple[PlacedRod, FloatArray]:
-        """Returns the rod as a view with this error sees it, and what the derivatives by the error need.
+        """Returns the rod in front of a view with this error, and the derivatives of its position.
 
         Args:
             error: (count, `POSE_ERRORS`) unknowns of the pose.

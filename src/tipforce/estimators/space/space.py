@@ -182,12 +182,12 @@ def _texts(reasons: Mapping[str, Abstention]) -> str:
 
 
 def _conflict(found: SpaceResult, views: tuple[str, ...]) -> str:
-    """Returns why the lines of two views are not read together, and what mends it."""
+    """Returns why the lines of two views are not read together, and the command that helps."""
     first, second = views
     if found.pose_is_wrong:
         return (
-            f"the lines of {first} and {second} contradict the stated pose of {second} by far more than "
-            f"views.{second}.pose_uncertainty_deg and pose_uncertainty_m: find the pose with "
+            f"the lines of {first} and {second} do not fit the stated pose of {second}, by far more than "
+            f"views.{second}.pose_uncertainty_deg and pose_uncertainty_m allow: find the pose with "
             "`tipforce calibrate RECORDING --views`"
         )
     if found.excluded:
