@@ -9,7 +9,7 @@ from tipforce.mechanics.planar import UNKNOWNS, Line, Model, fit_line, make_work
 
 POINTS = 22
 COUNT = len(UNKNOWNS)
-MODEL = Model(40, 0.04, 0.008, 4.3e-4, np.ones(41), 0.0)
+MODEL = Model(40, 0.04, 0.008, 4.3e-4, np.ones(41), 0.0, np.zeros(41))
 FROM_TIP = np.linspace(0.046, 0.0, POINTS)
 NONE = np.zeros((POINTS + 1, 0))
 STD = np.array([0.15, 0.15, 0.3, 0.02, 0.05, 5e-5, 0.01, 0.006, 5e-3, 5e-3, 0.02, 0.05, 0.05, 0.3, 0.02])

@@ -50,7 +50,7 @@ LOG: dict[str, Any] = {
 }
 FULL = SessionInfo(
     name="monday",
-    catheter=Catheter('7F "long"', 2.33e-3, 40e-3, 8e-3, 4.3e-4, ((0.0, 1.0), (0.8, 0.5)), 0.01, 0.03),
+    catheter=Catheter('7F "long"', 2.33e-3, 40e-3, 8e-3, 4.3e-4, ((0.0, 1.0), (0.8, 0.5)), 0.01, 0.03, (3.0, -3.0)),
     views={
         "camera": ViewInfo(
             2.117e-4,
@@ -118,7 +118,10 @@ infos = st.builds(
         flexible_length_m=maybe(positive),
         rigid_length_m=maybe(st.just(0.0) | positive),
         bending_stiffness_nm2=maybe(positive),
-        stiffness_profile=st.lists(st.tuples(finite, finite), max_size=3).map(tuple),
+        stiffness_profile=st.lists(st.tuples(st.floats(0, 1), st.floats(0.1, 10)), max_size=3, unique_by=lambda k: k[0])
+        .map(sorted)
+        .map(tuple),
+        rest_curvature_per_m=st.just(()) | st.lists(st.floats(-200, 200), min_size=2, max_size=5).map(tuple),
     ),
     views=st.dictionaries(
         text,
@@ -259,6 +262,15 @@ def test_a_dataset_folder_carries_every_field(tmp_path: Path) -> None:
         ("[catheter]\nbending_stiffness_uncertainty = 3", "it is in shares: for 3 % write 0.03"),
         ("[views.camera]\nmetres_per_px = 0.21", "it is in metres: for 0.21 mm write 0.00021"),
         ("[catheter]\ndiameter_m = -1", "catheter.diameter_m = -1 is refused: expected 5e-05 to 0.05 metres"),
+        (
+            "[catheter]\nrest_curvature_per_m = [3.0]",
+            "rest_curvature_per_m = [3.0] is refused: tuple should have at least 2",
+        ),
+        ("[catheter]\nrest_curvature_per_m = [3.0, 500.0]", "= 500.0 is refused: expected -200 to 200 1/m"),
+        (
+            "[catheter]\nstiffness_profile = [[0.5, 1.0], [0.2, 1.0]]",
+            "stiffness_profile is refused: expected shares of the length that grow from base to tip, got 0.5, 0.2",
+        ),
         ("[sensor]\nangle_deg = nan", "sensor.angle_deg = nan is refused: input should be a finite number"),
         ("[catheter]\nbending_stiffness_nm2 = 430", "it is in N m^2: for 430 N mm^2 write 0.00043"),
         ("[views.camera]\nmetres_per_px = 1", "is refused: expected 1e-08 to 0.01 metres"),

@@ -113,6 +113,19 @@ def test_a_guidewire_has_no_knob():
     assert bench.session_info.catheter.diameter_m == pytest.approx(0.035 * 25.4e-3, abs=1e-6)
 
 
+def test_a_shaft_may_rest_in_a_shape_that_is_no_arc():
+    settings = brief("bench-2021", seconds=4.0)
+    shaft = settings.world.shaft.model_copy(update={"rest_curvature_per_m": (30.0, 0.0, -30.0)})
+    world = settings.world.model_copy(update={"shaft": shaft})
+    bench = SimulatedBench(settings.model_copy(update={"world": world}), 0, 0)
+    assert bench.session_info.catheter.rest_curvature_per_m == (30.0, 0.0, -30.0)
+    line = bench.interpolator.lines_m(bench.frame_s[:1])[0, :, :2]
+    angle = np.unwrap(np.arctan2(*np.diff(line, axis=0).T[::-1]))
+    knob = bench.session_info.actuation.knob_gain_per_m_deg * 10.0 * 0.04
+    assert angle[len(angle) // 2] - angle[0] > 0.2
+    assert angle[-1] - angle[0] == pytest.approx(knob, abs=0.15), "the S turns back"
+
+
 @pytest.mark.parametrize("preset", ["guidewire", "catheter-5f"])
 def test_a_devices_forces_stay_in_its_own_range(preset):
     settings = brief(preset).world

@@ -11,6 +11,7 @@ from ..estimators.session import PriorSettings, RodSettings
 from ..types import FloatArray, IntArray, SessionInfo
 from ._knob import KnobFit, fit_knob
 from ._quantity import Quantity, combined
+from ._rest_shape import RestShape, fit_rest_shape, rest_quantity
 from ._rod_fit import RodFit, fit_rod, line_forces
 from ._session import CalibrationSession
 from ._tissue import TissueFit, fit_tissue
@@ -55,6 +56,7 @@ class SessionResult:
         knob: map of the knob.
         rod: fit of the rod.
         tissue: fit of the tissue.
+        rest: shape of the shaft without load; None: not requested.
         wrong_rad: angle by which the sensor seems to be turned; 0 if it is within a reading error.
         shown: of some frames the time in s, the sensor's force (m, 2) and the force of the calibrated rod (m, 2).
         reasons: part -> reason why it could not be found.
@@ -64,6 +66,7 @@ class SessionResult:
     knob: KnobFit | None
     rod: RodFit | None
     tissue: TissueFit | None
+    rest: RestShape | None
     wrong_rad: float
     shown: tuple[FloatArray, FloatArray, FloatArray]
     reasons: dict[str, str]
@@ -104,6 +107,7 @@ def calibrate_sessions(
     sessions: Sequence[CalibrationSession],
     *,
     stated_within: float = 0.1,
+    rest_shape: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Calibration:
     """Calibrates one bench and one catheter from ``sessions``.
@@ -111,6 +115,7 @@ def calibrate_sessions(
     Args:
         sessions: results of `read_session`, with forces or all without contact.
         stated_within: relative standard deviation of the stated stiffness.
+        rest_shape: whether the curvature along the unloaded shaft is measured.
         progress: called with the share that is done.
 
     Returns:
@@ -122,13 +127,15 @@ def calibrate_sessions(
     settings = RodSettings(prior=BENCH_PRIOR.model_copy(update={"stiffness": min(stated_within, 0.49)}))
     results: list[SessionResult] = []
     for k, session in enumerate(sessions):
-        results.append(_of_session(session, settings))
+        results.append(_of_session(session, settings, rest_shape=rest_shape))
         if progress is not None:
             progress((k + 1) / len(sessions))
     quantities = [
         *_clock(results), *_sensor(results), *_tare(results), *_mass(results), *_knob(results),
         *_stiffness(results, stated_within), *_tissue(results),
     ]  # fmt: skip
+    shapes = [each.rest for each in results if each.rest is not None]
+    quantities += [rest_quantity(shapes, sessions[0].info)] if shapes else []
     return Calibration(tuple(quantities), _remarks(results, quantities), tuple(results))
 
 
@@ -141,15 +148,15 @@ def _nominal(info: SessionInfo, knob_deg: FloatArray) -> FloatArray:
     return np.nan_to_num((info.actuation.knob_gain_per_m_deg or 0.0) * knob_deg)
 
 
-def _of_session(session: CalibrationSession, settings: RodSettings) -> SessionResult:
+def _of_session(session: CalibrationSession, settings: RodSettings, *, rest_shape: bool) -> SessionResult:
     reasons: dict[str, str] = {}
     nothing = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2))
     known = np.flatnonzero(np.isfinite(session.force_n).all(axis=1))
     if not len(known):
         reasons["rod"] = "no frame has a force"
-        return SessionResult(session, None, None, None, 0.0, nothing, reasons)
+        return SessionResult(session, None, None, None, None, 0.0, nothing, reasons)
     size = np.linalg.norm(session.force_n[known], axis=1)
-    knob = rod = tissue = None
+    knob = rod = tissue = rest = None
     turn = _turn(session, known[size > MIN_CONTACT_N], settings)
     wrong = turn if abs(turn) > MAX_READING_ERROR_RAD else 0.0
     light = _spread(known[size < MAX_UNLOADED_N], _KNOB_FRAMES)
@@ -163,6 +170,13 @@ def _of_session(session: CalibrationSession, settings: RodSettings) -> SessionRe
     if knob is not None and math.isfinite(knob.gain_per_m_deg):
         curvature = knob.curvature_at(through)
         drift = max(knob.residual_per_m, 0.02)
+    if rest_shape:
+        offset = 0.0 if drift is not None else session.info.actuation.knob_offset_per_m or 0.0
+        lines = [session.lines[row] for row in light.tolist()]
+        try:
+            rest = fit_rest_shape(session.info, lines, curvature[light] + offset, session.scale_m_per_px)
+        except InputError as error:
+            reasons["rest shape"] = str(error)
     rows = _spread(known, _ROD_FRAMES)
     try:
         rod = _fit(session, rows, curvature, settings, wrong, drift_per_m=drift)
@@ -184,7 +198,7 @@ def _of_session(session: CalibrationSession, settings: RodSettings) -> SessionRe
         )  # fmt: skip
         c, s = math.cos(rod.turn_rad), math.sin(rod.turn_rad)
         shown = session.seconds[rows], session.force_n[rows] @ np.array([[c, s], [-s, c]]), rod_forces
-    return SessionResult(session, knob, rod, tissue, wrong, shown, reasons)
+    return SessionResult(session, knob, rod, tissue, rest, wrong, shown, reasons)
 
 
 def _fit(

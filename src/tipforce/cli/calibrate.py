@@ -26,6 +26,12 @@ def command(
     contact_free: Annotated[
         bool, typer.Option("--contact-free", help="Nothing touches in any frame; no forces are needed.")
     ] = False,
+    rest_shape: Annotated[
+        bool,
+        typer.Option(
+            "--rest-shape", help="Also measure the curvature along the unloaded shaft, which then need not be an arc."
+        ),
+    ] = False,
     stated_within: Annotated[
         float, typer.Option(min=0.1, max=45.0, metavar="PERCENT", help="How well the stated stiffness is known.")
     ] = 10.0,
@@ -81,6 +87,8 @@ def command(
     Example:
         tipforce calibrate runs/monday.mcap --bench bench.toml -o bench.toml --overwrite --plot calibration.png
 
+        tipforce calibrate free.mcap --contact-free --rest-shape --bench bench.toml -o bench.toml --overwrite
+
         tipforce calibrate --ruler 100,240,500,240,80 -o bench.toml
 
         tipforce calibrate --ruler 240,100,252,140,9.5 --view b --bench bench.toml -o bench.toml --overwrite
@@ -114,6 +122,7 @@ def command(
             bench=stated_info(bench, None),
             contact_free=contact_free,
             stated_within=0.01 * stated_within,
+            rest_shape=rest_shape,
             board=board or None,
             board_settings=settings,
             ruler=_ruler(ruler),

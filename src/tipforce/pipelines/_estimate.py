@@ -284,7 +284,8 @@ def _asked_curvature(source: Source, view: str) -> float | None:
     if gain is None or shown.projection is not None or shown.modality == "xray":
         return None
     knob = steady_reading(source, KNOB)
-    return None if knob is None else gain * knob
+    rest = info.catheter.rest_curvature_per_m
+    return None if knob is None else gain * knob + (float(np.mean(rest)) if rest else 0.0)
 
 
 def _against_knob(images: Sequence[Image], info: SessionInfo, view: str, asked_per_m: float) -> str:

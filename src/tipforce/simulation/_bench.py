@@ -285,6 +285,7 @@ class SimulatedBench(ClosedAtExit):
                 rigid_length_m=world.shaft.rigid_length_m,
                 bending_stiffness_nm2=device.nominal_stiffness_nm2,
                 stiffness_profile=world.shaft.stiffness_knots,
+                rest_curvature_per_m=world.shaft.rest_curvature_per_m,
                 flexible_length_uncertainty=of_length,
                 bending_stiffness_uncertainty=of_stiffness,
             ),

@@ -52,7 +52,12 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             (
                 "stiffness_profile",
                 "[[0.0, 1.0], [1.0, 0.5]]",
-                "[share of the length, EI over the value above]",
+                "[share of the length, EI over the value above]; a step is two shares that are near",
+            ),
+            (
+                "rest_curvature_per_m",
+                "[3.0, 0.0, -3.0]",
+                "of the flexible part without load, knob at 0, from base to tip; an arc where it is not stated",
             ),
         ),
     ),

@@ -57,6 +57,7 @@ RANGES = {
     "metres_per_px": Range(1e-8, 0.01, "metres", "mm", 1e-3),
     "moving_mass_kg": Range(0.0, 50.0, "kg", "g", 1e-3),
     "knob_gain_per_m_deg": Range(-100.0, 100.0, "1/m for a degree"),
+    "rest_curvature_per_m": Range(-200.0, 200.0, "1/m"),
     "knob_offset_per_m": Range(-200.0, 200.0, "1/m"),
     "knob_play_deg": Range(0.0, 90.0, "degrees"),
     "counts_per_n": Range(1e-6, 1e12, "counts for a newton"),

@@ -3,13 +3,14 @@
 Every field is optional. A method declares the fields that it needs by their key, as `stated_keys` names them.
 """
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Interval
+from annotated_types import Interval, Len
 
 from .._system.json_files import flat_values
 from ..errors import InputError
@@ -37,6 +38,11 @@ def _within(key: str) -> Interval:
     return Interval(ge=RANGES[key].low, le=RANGES[key].high)
 
 
+_Share = Annotated[float, Interval(ge=0.0, le=1.0)]
+_StiffnessFactor = Annotated[float, Interval(ge=1e-3, le=1e3)]
+_RestCurvature = Annotated[float, _within("rest_curvature_per_m")]
+
+
 @dataclass(frozen=True, slots=True)
 class Catheter:
     """Nominal values of one catheter; None where unknown.
@@ -51,6 +57,8 @@ class Catheter:
             shaft whose stiffness changes along its length.
         flexible_length_uncertainty: relative standard uncertainty (GUM: a tolerance divided by the root of 3).
         bending_stiffness_uncertainty: relative standard uncertainty.
+        rest_curvature_per_m: curvature of the flexible part without load and with the knob at 0, 1/m, at even distances
+            from base to tip; positive: it turns counter-clockwise in the displayed image. Empty: an arc.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -60,9 +68,29 @@ class Catheter:
     flexible_length_m: Annotated[float, _within("flexible_length_m")] | None = None
     rigid_length_m: Annotated[float, _within("rigid_length_m")] | None = None
     bending_stiffness_nm2: Annotated[float, _within("bending_stiffness_nm2")] | None = None
-    stiffness_profile: tuple[tuple[float, float], ...] = ()
+    stiffness_profile: tuple[tuple[_Share, _StiffnessFactor], ...] = ()
     flexible_length_uncertainty: Annotated[float, _within("flexible_length_uncertainty")] | None = None
     bending_stiffness_uncertainty: Annotated[float, _within("bending_stiffness_uncertainty")] | None = None
+    rest_curvature_per_m: Annotated[tuple[_RestCurvature, ...], Len(2, 1000)] = ()
+
+    def stiffness_factors(self, joints: int) -> FloatArray:
+        """Returns EI divided by its nominal value (joints,) at even distances from base to tip."""
+        return _at_joints(self.stiffness_profile or ((0.0, 1.0),), joints)
+
+    def rest_curvatures_per_m(self, joints: int) -> FloatArray:
+        """Returns the curvature of the unloaded shaft (joints,) at even distances from base to tip, 1/m.
+
+        >>> Catheter(rest_curvature_per_m=(4.0, 8.0)).rest_curvatures_per_m(3)
+        array([4., 6., 8.])
+        """
+        values = self.rest_curvature_per_m or (0.0,)
+        return _at_joints(tuple(zip(np.linspace(0.0, 1.0, len(values)).tolist(), values, strict=True)), joints)
+
+
+def _at_joints(knots: tuple[tuple[float, float], ...], joints: int) -> FloatArray:
+    """Returns values (joints,) at even distances from base to tip, linear between ``knots`` (share, value)."""
+    shares, values = np.array(knots).T
+    return np.interp(np.linspace(0.0, 1.0, joints), shares, values)
 
 
 _TurnError = Annotated[float, _within("pose_uncertainty_deg")]
@@ -375,6 +403,12 @@ class SessionInfo:
         except ValidationError as error:
             first = error.errors()[0]
             raise InputError(f"{where}: {_complaint(first['loc'], first)}") from None
+        shares = [share for share, _ in found.catheter.stiffness_profile]
+        if any(after <= before for before, after in itertools.pairwise(shares)):
+            raise InputError(
+                f"{where}: catheter.stiffness_profile is refused: expected shares of the length that grow from base to "
+                f"tip, got {', '.join(f'{share:g}' for share in shares)}"
+            )
         for name, value in found.actuation.constant.items():
             expected = actuation_range(name)
             if expected.outside(np.array([value])) is not None:

@@ -23,7 +23,7 @@ from ...mechanics import (
     PlanarRod,
     RodModel,
 )
-from ...types import FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
+from ...types import Catheter, FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
 from ...vision import ResolvedVision, SessionDetector, VisionSettings
 from .._base import PlanarRodEstimator, Progress, Stream, no_progress
 from .._builder import MAX_FORCE_N, implausible
@@ -296,11 +296,9 @@ class RodModelEstimator(PlanarRodEstimator):
         assert catheter.flexible_length_m is not None
         return _model(
             type(self).model,
-            catheter.flexible_length_m,
+            catheter,
             factor * (nominal or _TYPICAL_STIFFNESS_NM2),
-            catheter.rigid_length_m or 0.0,
             (info.actuation.curvature_per_m(knob_deg) or 0.0) + offset_per_m,
-            catheter.stiffness_profile,
         )
 
     def _stiffness_and_offset(
@@ -447,18 +445,15 @@ class RodModelStream:
 
 @lru_cache(maxsize=64)
 def _model(
-    kind: Callable[[PlanarRod], RodModel],
-    flexible_length_m: float,
-    stiffness_nm2: float,
-    rigid_length_m: float,
-    precurvature_per_m: float,
-    profile: tuple[tuple[float, float], ...],
+    kind: Callable[[PlanarRod], RodModel], catheter: Catheter, stiffness_nm2: float, precurvature_per_m: float
 ) -> RodModel:
-    rod = PlanarRod(flexible_length_m, stiffness_nm2, rigid_length_m, precurvature_per_m)
-    if profile:
-        shares, factors = np.array(profile).T
-        along = np.interp(np.linspace(0.0, 1.0, rod.segments + 1), shares, factors)
-        rod = replace(rod, stiffness_profile=along)
+    assert catheter.flexible_length_m is not None
+    rod = PlanarRod(catheter.flexible_length_m, stiffness_nm2, catheter.rigid_length_m or 0.0, precurvature_per_m)
+    joints = rod.segments + 1
+    if catheter.stiffness_profile:
+        rod = replace(rod, stiffness_profile=catheter.stiffness_factors(joints))
+    if catheter.rest_curvature_per_m:
+        rod = replace(rod, precurvature_per_m=precurvature_per_m + catheter.rest_curvatures_per_m(joints))
     return kind(rod)
 
 

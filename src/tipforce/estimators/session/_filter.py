@@ -138,6 +138,6 @@ class SessionFilter(LinePosterior):
         keeps = math.exp(-elapsed_s / self._over_time.creep_s)
         shape = self._shapes["touch" if force.contact > 0.5 else "free"]
         step_m = self._model.flexible_m / self._model.segments
-        bend = np.diff(shape, prepend=0.0) / step_m - self.state.unloaded_curvature_per_m()[0]
+        bend = np.diff(shape, prepend=0.0) / step_m - self.state.unloaded_curvature_per_m()[0] - self._model.rest_per_m
         bend[[0, -1]] = bend[[1, -2]]  # these joints are half as long
         self._crept_per_m = keeps * self._crept_per_m + (1.0 - keeps) * bend

@@ -140,16 +140,16 @@ class Knowledge:
                 covariance[at, at] = std**2
         actuation, prior = info.actuation, settings.prior
         gain, asked = actuation.knob_gain_per_m_deg, actuation.curvature_per_m(knob_deg)
-        if gain is None or asked is None:
-            covariance[0] = covariance[:, 0] = 0.0
-            covariance[0, 0] = prior.unknown_precurvature_per_m**2
-            mean[0] = 0.0
-        else:
+        if gain is not None and asked is not None:
             mean[0] += asked
             if not self.sessions:
                 width = prior.knob_play_deg if actuation.knob_play_deg is None else actuation.knob_play_deg
                 play = gain * width / math.sqrt(12.0)
                 covariance[0, 0] += play**2 + (knob_gain_std(prior, actuation) * gain * knob_deg) ** 2
+        elif gain is not None or not info.catheter.rest_curvature_per_m:  # a stated shape without a knob is kept
+            covariance[0] = covariance[:, 0] = 0.0
+            covariance[0, 0] = prior.unknown_precurvature_per_m**2
+            mean[0] = 0.0
         return mean, covariance
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -222,11 +222,10 @@ def rod_model(info: SessionInfo, segments: int) -> Model:
     catheter = info.catheter
     if catheter.flexible_length_m is None or catheter.bending_stiffness_nm2 is None:
         raise InputError(f"the rod needs {' and '.join(NEEDED)}; state them in bench.toml")
-    profile = np.ones(segments + 1)
-    if catheter.stiffness_profile:
-        share, factor = np.array(catheter.stiffness_profile).T
-        profile = np.interp(np.linspace(0.0, 1.0, segments + 1), share, factor)
     # without a rigid tip the last element is as good as nothing
     rigid = max(catheter.rigid_length_m or 0.0, 1e-6)
     dome = min(rigid, 0.5 * (catheter.diameter_m or 0.0))
-    return Model(segments, catheter.flexible_length_m, rigid, catheter.bending_stiffness_nm2, profile, dome)
+    return Model(
+        segments, catheter.flexible_length_m, rigid, catheter.bending_stiffness_nm2,
+        catheter.stiffness_factors(segments + 1), dome, catheter.rest_curvatures_per_m(segments + 1),
+    )  # fmt: skip

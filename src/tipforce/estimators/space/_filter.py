@@ -125,17 +125,14 @@ def rod_of(info: SessionInfo, segments: int) -> SpatialShapes:
     catheter = info.catheter
     assert catheter.flexible_length_m is not None
     assert catheter.bending_stiffness_nm2 is not None
-    profile = None
-    if catheter.stiffness_profile:
-        share, factor = np.array(catheter.stiffness_profile).T
-        profile = np.interp(np.linspace(0.0, 1.0, segments + 1), share, factor)
     rigid = max(catheter.rigid_length_m or 0.0, 1e-6)  # without a rigid tip the last element is as good as nothing
     dome = min(rigid, 0.5 * (catheter.diameter_m or 0.0))
     rod = SpatialRod(
         catheter.flexible_length_m,
         catheter.bending_stiffness_nm2,
         rigid,
-        stiffness_profile=profile,
+        precurvature_per_m=np.outer(catheter.rest_curvatures_per_m(segments + 1), [0.0, 0.0, 1.0]),
+        stiffness_profile=catheter.stiffness_factors(segments + 1),
         segments=segments,
     )
     return SpatialShapes(rod, rigid - dome)

@@ -85,6 +85,8 @@ class Model(NamedTuple):
     """(segments + 1,): factors on EI at the joints."""
     dome_m: float
     """Distance of the force behind the tip: a wall presses on a round tip through the middle of its dome."""
+    rest_per_m: FloatArray
+    """(segments + 1,): curvature without load at the joints, beside the pre-curvature that is an unknown."""
 
 
 class Line(NamedTuple):
@@ -190,9 +192,12 @@ def is_possible(q: FloatArray, model: Model) -> bool:
     """
     size = math.hypot(q[_FX], q[_FY]) * model.flexible_m**2 / model.stiffness_nm2
     stiff = min(1.0 + q[_EI], 1.0 + q[_PROXIMAL], 1.0 + q[_LENGTH], 1.0 + q[_SCALE]) > 0.3
+    largest = 0.0
+    for rest in model.rest_per_m:
+        largest = max(largest, abs(q[_K0] + rest))
     bend = abs(q[_K0]) * model.flexible_m
     # if the stiffness falls with the curvature there is no unique shape
-    return size < _MAX_LOAD and stiff and bend < _MAX_BEND_RAD and q[_SOFT] > _MIN_SOFT and q[_SOFT] * q[_K0] ** 2 < 3.0
+    return size < _MAX_LOAD and stiff and bend < _MAX_BEND_RAD and q[_SOFT] > _MIN_SOFT and q[_SOFT] * largest**2 < 3.0
 
 
 @compiled
@@ -203,14 +208,14 @@ def _solve_shape(q: FloatArray, model: Model, line: Line, work: Work, cold: bool
     for i in range(n):
         share = 1.0 + (q[_PROXIMAL] if 3 * i < model.segments else 0.0)
         work.ei[i] = model.stiffness_nm2 * model.profile[i] * (1.0 + q[_EI]) * share
-        work.k0[i] = q[_K0] + (q[_CREEP] * line.crept_per_m[i] if line.crept_per_m.size else 0.0)
+        work.k0[i] = q[_K0] + model.rest_per_m[i] + (q[_CREEP] * line.crept_per_m[i] if line.crept_per_m.size else 0.0)
     rod = Elastic(h, model.rigid_m - model.dome_m, work.ei, work.k0, q[_SOFT], model.stiffness_nm2 / model.flexible_m)
     fx, fy = _load(q, line)
     load = Load(fx, fy, 0.0, work.carried)
     if cold:
         angle = 0.0
         for i in range(n):
-            angle += q[_K0] * (h if 0 < i < n - 1 else 0.5 * h)
+            angle += (q[_K0] + model.rest_per_m[i]) * (h if 0 < i < n - 1 else 0.5 * h)
             work.theta[i] = angle
         outcome, _ = follow(work.theta, rod, load, 0.5, work.scratch)
     else:

@@ -95,6 +95,16 @@ def _profile(shaft: ShaftSettings, joints: FloatArray) -> FloatArray:
     return profile
 
 
+def _rest(shaft: ShaftSettings, out_of_plane_per_m: float, joints: FloatArray) -> FloatArray:
+    """Returns the strain (k, 3) without load and with the knob at 0 at ``joints`` (k,), shares of the length."""
+    rest = np.zeros((len(joints), 3))
+    rest[:, 1] = out_of_plane_per_m
+    if shaft.rest_curvature_per_m:
+        places = np.linspace(0.0, 1.0, len(shaft.rest_curvature_per_m))
+        rest[:, 2] = np.interp(joints, places, shaft.rest_curvature_per_m)
+    return rest
+
+
 def build_bench_model(
     settings: WorldSettings, parameters: SessionParameters, segment_m: float = _SEGMENT_M
 ) -> BenchModel:
@@ -120,7 +130,7 @@ def build_bench_model(
         bending_stiffness_nm2=relaxed,
         rigid_length_m=shaft.rigid_length_m,
         torsional_stiffness_nm2=shaft.torsion_over_bending * relaxed,
-        precurvature_per_m=np.array([0.0, parameters.out_of_plane_per_m, 0.0]),
+        precurvature_per_m=_rest(shaft, parameters.out_of_plane_per_m, joints),
         stiffening_curvature_per_m=shaft.stiffening_curvature_per_m,
         stiffness_profile=_profile(shaft, joints),
         segments=segments,

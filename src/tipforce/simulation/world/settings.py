@@ -30,6 +30,9 @@ class ShaftSettings(Settings):
     """EI is higher by this share over the third next to the sheath."""
     stiffness_knots: tuple[tuple[Share, Positive], ...] = Field(default=(), exclude_if=operator.not_)
     """Factor on EI along the flexible part: (share of its length, factor), linear between these; none: 1."""
+    rest_curvature_per_m: tuple[Number, ...] = Field(default=(), exclude_if=operator.not_)
+    """Curvature of the flexible part without load, at even distances from base to tip, beside that of the knob, 1/m;
+    none: 0."""
     torsion_over_bending: Positive = 1.0
     """GJ / EI."""
     out_of_plane_per_m: Range = (-1.5, 1.5)
