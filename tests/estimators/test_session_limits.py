@@ -152,6 +152,6 @@ def test_without_contact_nothing_is_stated() -> None:
         tally.add(session)
     nothing = tally.limits("camera")
     assert nothing.lines() == [
-        "0 frames in contact that the rod explains: too few to state what limits the force; expected at least 3"
+        "0 frames in contact that the rod explains: too few to find their limit; expected at least 3"
     ]
     assert nothing.figures()["std_n"] is None

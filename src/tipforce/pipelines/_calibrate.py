@@ -50,7 +50,7 @@ class CalibrateReport:
         board: calibration of the lens; None without a board.
         views: poses and scales of views that are written.
         sources: names of the files.
-        limits: what limits the force in the recordings once the found values are stated; None without recordings.
+        limits: unknowns that limit the force in the recordings with the found values; None without recordings.
     """
 
     quantities: tuple[Quantity, ...]

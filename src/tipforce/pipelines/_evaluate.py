@@ -164,7 +164,7 @@ def _limit_notes(result: Evaluation, report: Progress) -> list[str]:
     for method in result.methods:
         model = method.saved or method.estimator
         if isinstance(model, RodTrack):
-            report(f"{method.label}: what limits the force", 1.0)
+            report(f"{method.label}: limits of the force", 1.0)
             found = limits_in_dataset(model, result.everything)
             if found is not None and found[1].measurable:
                 notes.append(f"{method.label} is limited in {found[0]} by {found[1].text()}.")

@@ -1,4 +1,4 @@
-"""What limits the force: the part of its variance that goes away when a group of unknowns is measured.
+"""Unknowns that limit the force: the part of its variance that goes away when a group of unknowns is measured.
 
 For a line in contact the session model has a joint Gaussian of the force and all unknowns: the moments over the nodes
 of the walk. With the force's magnitude along ``u``, its variance is ``u' C u``. A measurement of the unknowns of a
@@ -129,11 +129,11 @@ LINE_ERROR = UnknownGroup(
 SHAPE = UnknownGroup(
     "the shape itself",
     (),
-    "push at an angle to the tip's axis: a force along the axis hardly bends the shaft; or train `fusion`, which reads "
+    "push at an angle to the tip's axis: the shape shows a force along the axis least; or train `fusion`, which reads "
     "the image, too",
 )
-"""What is left when all groups are known, in the direction that the shape shows least; friction at the tip is a part.
-"""
+"""Not measurable: left when all groups are known, in the direction that the shape shows least; friction at the tip is
+a part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,13 +155,13 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class ForceLimits:
-    """What limits the force in a session.
+    """The unknowns that limit the force in a session.
 
     Attributes:
         frames: number of frames in contact.
         std_n: standard deviation of the force's magnitude in them, N, median; NaN in too few frames.
         measurable: the groups that a measurement determines, the largest contribution first.
-        others: error of the line, and what the shape itself does not show.
+        others: error of the line, and the limit of the shape itself.
     """
 
     frames: int
@@ -178,7 +178,7 @@ class ForceLimits:
         """Returns one sentence: the contributions that count, and how to reduce the largest ones."""
         if not self.measurable:
             return (
-                f"{self.frames} frames in contact that the rod explains: too few to state what limits the force; "
+                f"{self.frames} frames in contact that the rod explains: too few to find their limit; "
                 f"expected at least {MIN_FRAMES}"
             )
         limits = self.limits
@@ -284,7 +284,7 @@ class _Joint:
     Attributes:
         covariance: (COUNT, COUNT) of force and unknowns.
         direction: (COUNT,) of the force, zero elsewhere.
-        information: (COUNT,) inverse variance of a measurement of each unknown; 0: none can tell more than the prior.
+        information: (COUNT,) inverse variance of a measurement of each unknown; 0: none is better than the prior.
     """
 
     covariance: FloatArray
