@@ -7,7 +7,7 @@ import pytest
 from tests.oracles.planar_rod import solve_static
 
 from tipforce.calibration import CalibrationSession, calibrate_sessions
-from tipforce.calibration._rest_shape import KNOTS, fit_rest_shape
+from tipforce.calibration._rest_shape import KNOTS, RestShape, fit_rest_shape, rest_quantity
 from tipforce.errors import InputError
 from tipforce.estimators.session import LineFrame
 from tipforce.mechanics import PlanarRod
@@ -68,3 +68,9 @@ def test_calibrate_writes_a_shape_that_is_no_arc(bent: bool, session: Calibratio
         assert np.ptp(found - TRUE_PER_M) < 2.0, "but for a mean, which the knob's offset may hold"
     else:
         assert row.doubt == "not distinguishable from an arc"
+
+
+def test_a_shape_that_differs_from_an_arc_by_its_standard_errors_is_not_written() -> None:
+    found = np.array([-0.9, 0.3, -0.3, 0.0, -0.3, 0.4, -2.8]), np.array([0.75, 0.23, 0.23, 0.25, 0.3, 0.49, 2.5])
+    row = rest_quantity([RestShape(*found, 48)], INFO)
+    assert (row.written, row.doubt) == (False, "not distinguishable from an arc")

@@ -99,11 +99,11 @@ def rest_quantity(shapes: Sequence[RestShape], info: SessionInfo) -> Quantity:
     ]
     value, std = np.array(pairs).T
     before = info.catheter.rest_curvature_per_m
-    mean, worst = float(value.mean()), float(std.max())
+    mean, worst, arc = float(value.mean()), float(std.max()), float(np.average(value, weights=std**-2))
     doubt = ""
     if worst > MAX_STD_PER_M:
         doubt = "the lines determine it too little"
-    elif float(np.max(np.abs(value - mean) / std)) < MIN_SHAPE_STDS and not before:
+    elif float(np.max(np.abs(value - arc) / std)) < MIN_SHAPE_STDS and not before:
         doubt = "not distinguishable from an arc"
     digits = max(0, 1 - math.floor(math.log10(worst)))
     return Quantity(
