@@ -58,7 +58,7 @@ def test_contact_free_frames_give_the_knob_and_name_what_stays_unknown(contact_f
     bench = tmp_path / "bench.toml"
     bench.write_text("# mine\n[actuation]\nknob_gain_per_m_deg = 0.533  # data sheet\n")
     result = run(
-        contact_free, "--contact-free", "--rest-shape", "--bench", bench, "-o", bench, "--overwrite",
+        contact_free, "--contact-free", "--bench", bench, "-o", bench, "--overwrite",
         "--plot", tmp_path / "plot.png", "--json", tmp_path / "found.json",
     )  # fmt: skip
     assert result.exit_code == 0
@@ -102,7 +102,6 @@ def test_a_ruler_writes_the_scale_and_keeps_the_file(tmp_path: Path) -> None:
         (["--board", "nowhere.png"], "state its squares, as in --squares 7x5,8"),
         (["--board", "nowhere.png", "--squares", "many,8"], "expected squares across and down"),
         (["video.mp4"], "is no recording"),
-        (["--ruler", "100,240,500,240,80", "--rest-shape"], "name a recording with frames without contact"),
     ],
 )
 def test_what_cannot_be_calibrated_from_is_refused_in_one_sentence(words: list[str], said: str) -> None:

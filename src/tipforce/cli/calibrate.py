@@ -24,12 +24,10 @@ def command(
     ] = None,
     bench: BenchOption = None,
     contact_free: Annotated[
-        bool, typer.Option("--contact-free", help="Nothing touches in any frame; no forces are needed.")
-    ] = False,
-    rest_shape: Annotated[
         bool,
         typer.Option(
-            "--rest-shape", help="Also measure the curvature along the unloaded shaft, which then need not be an arc."
+            "--contact-free",
+            help="Nothing touches in any frame; no forces are needed. A rest shape that is no arc is found, too.",
         ),
     ] = False,
     stated_within: Annotated[
@@ -87,7 +85,7 @@ def command(
     Example:
         tipforce calibrate runs/monday.mcap --bench bench.toml -o bench.toml --overwrite --plot calibration.png
 
-        tipforce calibrate free.mcap --contact-free --rest-shape --bench bench.toml -o bench.toml --overwrite
+        tipforce calibrate free.mcap --contact-free --bench bench.toml -o bench.toml --overwrite
 
         tipforce calibrate --ruler 100,240,500,240,80 -o bench.toml
 
@@ -122,7 +120,6 @@ def command(
             bench=stated_info(bench, None),
             contact_free=contact_free,
             stated_within=0.01 * stated_within,
-            rest_shape=rest_shape,
             board=board or None,
             board_settings=settings,
             ruler=_ruler(ruler),

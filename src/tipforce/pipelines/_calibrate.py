@@ -124,7 +124,6 @@ def calibrate(
     contact_free: bool = False,
     seconds: float = math.inf,
     stated_within: float = 0.1,
-    rest_shape: bool = False,
     board: Path | str | Sequence[Path | str] | None = None,
     board_settings: BoardSettings | None = None,
     ruler: tuple[float, float, float, float, float] | None = None,
@@ -143,7 +142,6 @@ def calibrate(
         contact_free: the tip touches nothing in any of them, and no force is needed.
         seconds: length of the beginning of each recording that is used.
         stated_within: standard deviation of the stated stiffness, relative.
-        rest_shape: also measure the curvature along the unloaded shaft, from the frames without contact.
         board: images of a ChArUco board, the first in the plane in which the catheter bends, or a folder of them; or
             two folders or videos, one for each of two cameras, for their poses.
         board_settings: settings of the board.
@@ -179,7 +177,7 @@ def calibrate(
         "recordings": len(given) > len(dicom) and not (view_poses or by_diameter),
         "a board": bool(boards) and not pair,
     }
-    others |= {"a ruler": ruler is not None, "contact_free=True": contact_free, "rest_shape=True": rest_shape}
+    others |= {"a ruler": ruler is not None, "contact_free=True": contact_free}
     if named and (rest := [*named[1:], *(way for way, wanted in others.items() if wanted)]):
         raise InputError(
             f"calibrate: {named[0]} is one way to calibrate views, without the bench; leave out {', '.join(rest)}, and "
@@ -215,8 +213,6 @@ def calibrate(
         sources.append("ruler")
     if not (paths or quantities):
         raise InputError("recordings, board and ruler are all missing: name at least one to calibrate from")
-    if rest_shape and not paths:
-        raise InputError("rest_shape=True: name a recording with frames without contact")
     if not paths:
         return CalibrateReport(tuple(quantities), _lens_remarks(found), info, None, found, {}, tuple(sources))
     if quantities:
@@ -231,7 +227,7 @@ def calibrate(
     calibration = calibrate_sessions(
         sessions,
         stated_within=stated_within,
-        rest_shape=rest_shape,
+        rest_shape=contact_free,
         progress=lambda part: report("fitting", READING_SHARE + (1.0 - READING_SHARE) * part),
     )
     by_shaft = scale_from_diameter(sessions)

@@ -63,7 +63,7 @@ def write_samples(
     if delay_s > PAIR_S:
         raise InputError(
             f"view_delay_s={delay_s:g}: the images of a sample are of one instant, at most {PAIR_S:g} s apart; leave "
-            "view_delay_s out, or simulate recordings, without --as dataset"
+            "view_delay_s out, or simulate recordings in place of a dataset"
         )
     made = {**wanted.model_dump(mode="json"), "shards": shards, "masks": masks, "lossless": lossless}
     manifest = folder / "simulated.json"

@@ -75,25 +75,24 @@ GROUPS = (
     UnknownGroup(
         "bend toward the camera",
         tuple(range(_CAMERA, _CAMERA + CAMERA)),
-        "align the camera with the plane of bending and state it with --set prior.stretch=4e-4 "
-        "--set prior.depth_per_m=0.01",
+        "align the camera with the plane of bending and set prior.stretch to 4e-4 and prior.depth_per_m to 0.01",
     ),
     UnknownGroup(
         "image scale",
         _rod("scale"),
-        "measure views.{view}.metres_per_px with `tipforce calibrate --ruler` or --board, which also states "
+        "measure views.{view}.metres_per_px with `tipforce calibrate`, from a ruler or a board, which also states "
         "metres_per_px_uncertainty",
     ),
     UnknownGroup(
         "lens",
         _rod("distortion_per_m2"),
-        "take a lens that keeps straight lines straight and state it with --set prior.distortion_per_m2=0.03",
+        "take a lens that keeps straight lines straight and state it with prior.distortion_per_m2 = 0.03",
     ),
     UnknownGroup(
         "clamp",
         _rod("base_x_m", "base_y_m", "base_angle_rad"),
         "let the border of the image cut the shaft at the clamp, perpendicular to it, and state how well with "
-        "--set prior.base_position_m=5e-4 --set prior.base_angle_deg=0.5",
+        "prior.base_position_m = 5e-4 and prior.base_angle_deg = 0.5",
     ),
     UnknownGroup(
         "stiffness",
@@ -106,7 +105,7 @@ GROUPS = (
         "stiffness along the shaft",
         _rod("proximal_stiffness", "stiffening_m2"),
         "measure catheter.stiffness_profile with `tipforce calibrate` and a recording with forces, and state how well "
-        "with --set prior.proximal_stiffness=0.01",
+        "with prior.proximal_stiffness = 0.01",
     ),
     UnknownGroup(
         "length",
@@ -116,8 +115,8 @@ GROUPS = (
     UnknownGroup(
         "creep",
         _rod("creep"),
-        "measure by how much the bend grows under a steady force and state it with --set prior.creep=0.02 "
-        "--set prior.creep_std=0.005",
+        "measure by how much the bend grows under a steady force and state it with "
+        "prior.creep = 0.02 and prior.creep_std = 0.005",
     ),
 )
 """Groups that a measurement determines."""
