@@ -9,6 +9,7 @@ import pytest
 from tipforce.mechanics import face_depths
 from tipforce.pipelines import preset_settings
 from tipforce.simulation import PRESETS, SimulatedBench, SimulationSettings, collect_truth, read_truth, write_truth
+from tipforce.simulation._settings import settings_of_session
 from tipforce.simulation.rendering._random import gauss_table
 from tipforce.simulation.rendering.camera._pipeline import develop
 from tipforce.simulation.rendering.camera._scene import SensorNoise, SensorPipeline
@@ -109,23 +110,23 @@ def test_the_drawn_face_is_the_one_that_is_pressed():
 
 def test_cameras_are_drawn_by_session_and_fit_the_protocol():
     settings = PRESETS["varied"]
-    drawn = [settings.of_session(0, number) for number in range(60)]
+    drawn = [settings_of_session(settings, 0, number) for number in range(60)]
     assert {each.scene.base_side for each in drawn} == {"left", "right", "top", "bottom"}
     assert {each.world.clock.fps for each in drawn} == {24.0, 25.0, 30.0, 50.0, 60.0}
     assert all(640 <= each.width <= 1280 and 480 <= each.height <= 1024 for each in drawn)
-    assert PRESETS["bench-2021"].of_session(0, 3) is PRESETS["bench-2021"]
+    assert settings_of_session(PRESETS["bench-2021"], 0, 3) is PRESETS["bench-2021"]
 
 
 @pytest.mark.parametrize("preset", ["varied", "fluoro-varied"])
 def test_a_stated_size_rate_or_side_holds_where_the_preset_draws_them(preset):
     changes = {"width": 320, "height": 240, "world": {"clock": {"fps": 12.0}}, "scene": {"base_side": "top"}}
     chosen = preset_settings(preset, changes=changes)
-    drawn = [chosen.of_session(0, number) for number in range(6)]
+    drawn = [settings_of_session(chosen, 0, number) for number in range(6)]
     assert {(each.width, each.height, each.world.clock.fps, each.scene.base_side) for each in drawn} == {
         (320, 240, 12.0, "top")
     }
     faster = preset_settings(preset, changes={"world": {"clock": {"fps": 12.0}}})
-    assert len({faster.of_session(0, number).width for number in range(12)}) > 1
+    assert len({settings_of_session(faster, 0, number).width for number in range(12)}) > 1
 
 
 @pytest.fixture(scope="module")

@@ -112,4 +112,6 @@ class EstimateBuilder:
         _set(estimate, "shape", shape)
         _set(estimate, "abstained_interval_n", _NO_INTERVAL)
         _set(estimate, "source", None)
+        _set(estimate, "shapes_beside", ())
+        _set(estimate, "tip_axis", None)
         return estimate

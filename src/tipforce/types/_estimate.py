@@ -1,10 +1,8 @@
 """The result of an estimator: a force with its uncertainty, or "not valid" with the reason."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
-from types import MappingProxyType
 
 import numpy as np
 
@@ -23,11 +21,13 @@ class ShapeBeside:
     """The catheter in a view beyond the first.
 
     Attributes:
+        view: name of the view.
         shape: the catheter as detected in the newest image of the view.
         axes_px: (3, 2) directions of x, y and z of the base frame in that image; the length of each is 1 where the axis
             is parallel to the image, and 0 where it points to the viewer. None where the directions are not known.
     """
 
+    view: str
     shape: DetectedShape
     axes_px: FloatArray | None = None
 
@@ -59,7 +59,7 @@ class ForceEstimate:
             wide, or spans two sources that differ too much; NaN in every other case. It is for safety functions only,
             which must act on its upper end; it is never displayed as a force.
         source: the member of a combined method that gave the force; None from a method without members.
-        shapes_beside: view -> the catheter in each further view that the method reads.
+        shapes_beside: the catheter in each further view that the method reads.
         tip_axis: (3,) unit vector along the tip, from base to tip, base frame; None from methods that know the
             direction of the tip in the image only.
     """
@@ -77,7 +77,7 @@ class ForceEstimate:
     shape: DetectedShape | None = None
     abstained_interval_n: tuple[float, float] = _NO_INTERVAL
     source: StrEnum | None = None
-    shapes_beside: Mapping[str, ShapeBeside] = field(default_factory=lambda: MappingProxyType({}))
+    shapes_beside: tuple[ShapeBeside, ...] = ()
     tip_axis: FloatArray | None = None
 
     def __post_init__(self) -> None:

@@ -127,11 +127,11 @@ def estimate_in_space() -> ForceEstimate:
     """0.2 N along -x and along z, from the views a and b; b shows x along the image's rows, and z upward."""
     force = np.array([-0.2, 0.0, 0.2])
     ends = np.column_stack([force - 0.02, force + 0.03])
-    beside = ShapeBeside(shape_along(), np.array([[1.0, 0.0], [0.0, 0.05], [0.0, -1.0]]))
+    beside = ShapeBeside("b", shape_along(), np.array([[1.0, 0.0], [0.0, 0.05], [0.0, -1.0]]))
     size = float(np.linalg.norm(force))
     return ForceEstimate(
         CLOCK.now_ns(), force, np.ones(3, np.bool_), 1e-4 * np.eye(3), ends, size, np.array([size - 0.02, size + 0.02]),
-        shape=shape_along(), shapes_beside={"b": beside},
+        shape=shape_along(), shapes_beside=(beside,),
     )  # fmt: skip
 
 

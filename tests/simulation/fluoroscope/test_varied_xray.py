@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench
+from tipforce.simulation._settings import settings_of_session
 from tipforce.simulation.rendering.fluoroscope import FLUORO_VARIED, XrayRenderer, XrayScene, sample_xray_scene
 from tipforce.simulation.rendering.fluoroscope._display_processing import noise_gain, temporal_weights
 from tipforce.simulation.rendering.fluoroscope._scene import lag_weights
@@ -47,11 +48,11 @@ def biplane() -> SimulatedBench:
 
 def test_each_session_has_its_detector_pulse_rate_and_orientation():
     settings = PRESETS["fluoro-varied"]
-    drawn = [settings.of_session(0, number) for number in range(40)]
+    drawn = [settings_of_session(settings, 0, number) for number in range(40)]
     assert {each.width for each in drawn} == {512, 768, 1024}
     assert {each.world.clock.fps for each in drawn} == {7.5, 15.0}
     assert {each.scene.base_side for each in drawn} == {"left", "right", "top", "bottom"}
-    assert PRESETS["fluoro"].of_session(0, 3) is PRESETS["fluoro"]
+    assert settings_of_session(PRESETS["fluoro"], 0, 3) is PRESETS["fluoro"]
 
 
 def test_laboratories_differ_as_often_as_the_ranges_say():

@@ -102,11 +102,11 @@ class SpaceStream:
     def update(self, observation: Observation) -> ForceEstimate:
         """Returns the force at this observation; the status states the reason of an abstention."""
         found = self._estimate(observation)
-        beside = {
-            view: ShapeBeside(shape, self._axes_px.get(view))
+        beside = tuple(
+            ShapeBeside(view, shape, self._axes_px.get(view))
             for view in self._settings.views[1:]
             if (shape := self._shape(view, observation.stamp_ns)) is not None
-        }
+        )
         return replace(found, shapes_beside=beside)
 
     def _shape(self, view: str, stamp_ns: int) -> DetectedShape | None:

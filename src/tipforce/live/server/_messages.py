@@ -208,7 +208,7 @@ def update_values(update: LiveUpdate) -> dict[str, Any]:
         "integral_running": update.integral_running,
         "zero": None if update.zero is None else _zero(update.zero, update.published_ns),
         "shape": None if estimate.shape is None else _shape(estimate.shape),
-        "shapes_beside": {view: _shape_beside(each) for view, each in estimate.shapes_beside.items()},
+        "shapes_beside": {each.view: _shape_beside(each) for each in estimate.shapes_beside},
         "read": list(update.reads or update.frames),
         "health": _health(update),
     }
