@@ -1,6 +1,7 @@
 """Builds valid estimates fast: the checks of `ForceEstimate` are left out where their outcome is known."""
 
 import math
+from dataclasses import MISSING, fields
 
 import numpy as np
 
@@ -14,7 +15,7 @@ MAX_FORCE_N = 10.0
 """Larger estimates are not valid: tissue tears, and shafts buckle, at a fraction of this force."""
 
 _set = object.__setattr__
-_NO_INTERVAL = (math.nan, math.nan)
+_DEFAULTS = tuple((field.name, field.default) for field in fields(ForceEstimate) if field.default is not MISSING)
 
 
 def implausible(stamp_ns: int, magnitude_n: float, shape: DetectedShape | None = None) -> ForceEstimate:
@@ -99,6 +100,8 @@ class EstimateBuilder:
         both.setflags(write=False)
         # ForceEstimate's own __init__ copies and checks five arrays: 8 us of the 100 us that a frame may take
         estimate = ForceEstimate.__new__(ForceEstimate)
+        for name, value in _DEFAULTS:
+            _set(estimate, name, value)
         _set(estimate, "stamp_ns", stamp_ns)
         _set(estimate, "force_n", force)
         _set(estimate, "known", self._known)
@@ -106,12 +109,5 @@ class EstimateBuilder:
         _set(estimate, "interval_n", interval)
         _set(estimate, "magnitude_n", magnitude)
         _set(estimate, "magnitude_interval_n", both)
-        _set(estimate, "status", Status.VALID)
-        _set(estimate, "detail", "")
-        _set(estimate, "contact", math.nan)
         _set(estimate, "shape", shape)
-        _set(estimate, "abstained_interval_n", _NO_INTERVAL)
-        _set(estimate, "source", None)
-        _set(estimate, "shapes_beside", ())
-        _set(estimate, "tip_axis", None)
         return estimate

@@ -146,9 +146,8 @@ def _frames(path: Path, view: str) -> Iterator[Frame]:
         raise FileFormatError(f"{path}: holds signed pixels, whose black is not stated; save it with unsigned ones")
     found = 0
     try:
-        for pixels in importlib.import_module("pydicom.pixels").iter_pixels(
-            data
-        ):  # one by one: together they may be a thousand times as large as the file
+        # one by one: together they may be a thousand times as large as the file
+        for pixels in importlib.import_module("pydicom.pixels").iter_pixels(data):
             if found == count or pixels.ndim != (3 if coloured else 2):
                 raise ValueError(f"more than {count} frames" if found == count else f"{pixels.ndim} dimensions")
             image = _eight_bit(pixels, stored, str(data.PhotometricInterpretation))
