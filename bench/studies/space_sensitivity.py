@@ -29,7 +29,7 @@ from tipforce.geometry import CameraModel, Pose
 from tipforce.limits import CENTRELINE_NOISE
 from tipforce.mechanics import LineNoise
 from tipforce.simulation import PRESETS, SimulatedBench
-from tipforce.types import CentrelinePx, DetectedShape, FloatArray, SessionInfo, Status
+from tipforce.types import CentrelinePx, DetectedShape, FloatArray, IntArray, SessionInfo, Status
 
 PX_PER_M = 1.0 / 0.2e-3
 """The noise was measured at this scale."""
@@ -92,7 +92,12 @@ def true_session(seed: int, number: int, seconds: float, peak_n: tuple[float, fl
     if peak_n:
         world = world.model_copy(update={"motion": world.motion.model_copy(update={"peak_force_n": peak_n})})
     bench = SimulatedBench(preset.model_copy(update={"world": world}), seed, number)
-    times, when, trajectory = bench.frame_s, bench.interpolator, bench.session.trajectory
+    return session_of(bench, np.arange(len(bench.frame_s)))
+
+
+def session_of(bench: SimulatedBench, frames: IntArray) -> TrueSession:
+    """Returns some frames of a simulated session."""
+    times, when, trajectory = bench.frame_s[frames], bench.interpolator, bench.session.trajectory
     lines = when.lines_m(times)
     axis = lines[:, -1] - lines[:, -3]
     pose = bench.imaging.scene.patient_from_base
@@ -164,8 +169,8 @@ class NoisyLines:
         return DetectedShape(Status.VALID, centreline=CentrelinePx(points), covariance_px2=covariance)
 
 
-def rows_of(session: TrueSession, case: Case, seed: tuple[int, int]) -> list[list[float]]:
-    """Estimates a session; see `space_sessions.COLUMNS`."""
+def rows_of(session: TrueSession, case: Case, seed: tuple[int, int], *, all_frames: bool = False) -> list[list[float]]:
+    """Estimates a session; see `space_sessions.COLUMNS`. ``all_frames``: none is left out."""
     rng = np.random.default_rng(seed)
     cameras, info = views_of_case(session, case, rng)
     noisy = [NoisyLines(np.random.default_rng([*seed, place]), case.noise) for place in range(2)]
@@ -174,7 +179,7 @@ def rows_of(session: TrueSession, case: Case, seed: tuple[int, int]) -> list[lis
     rows: list[list[float]] = []
     for k, now_s in enumerate(session.time_s):
         shapes = [each.shape(camera.project(session.line_m[k])) for each, camera in zip(noisy, cameras, strict=True)]
-        if k % (FREE_STEP if now_s < FREE_S else round(15.0 / case.fps)):
+        if not all_frames and k % (FREE_STEP if now_s < FREE_S else round(15.0 / case.fps)):
             continue
         seen = {name: ViewShape(shape, (512, 512)) for name, shape in zip("ab", shapes, strict=True)}
         if case.lost and now_s >= LOST_FROM_S:

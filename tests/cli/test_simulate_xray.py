@@ -136,3 +136,13 @@ def test_of_two_views_the_next_step_names_the_one_to_train_on(tmp_path):
     result = run("simulate", "-o", tmp_path / "set", *options, *(word for each in small for word in ("--set", each)))
     assert result.exit_code == 0, result.output
     assert "-o models/svr --set vision.view=a" in " ".join(result.output.split())
+
+
+def test_the_next_step_imports_the_videos_of_both_views(tmp_path):
+    small = ["width=128", "height=128", "world.tare_s=2", "world.clock.fps=6"]
+    options = ["--as", "files", "--preset", "biplane", "--sessions", 1, "--seconds", 8]
+    result = run("simulate", "-o", tmp_path / "runs", *options, *(word for each in small for word in ("--set", each)))
+    assert result.exit_code == 0, result.output
+    words = "".join(result.output.split())
+    session = tmp_path / "runs" / "session_00"
+    assert f"tipforceimport{session / 'video_a.mp4'}{session / 'video_b.mp4'}{session / 'force.csv'}" in words

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tipforce.datasets import Dataset
 from tipforce.estimators import create
-from tipforce.estimators.uncertainty import conformal_half_width, interval_basis
+from tipforce.estimators.uncertainty import conformal_half_width, interval_basis, interval_from_errors
 from tipforce.types import ForceEstimate
 
 World = Callable[..., Dataset]
@@ -49,6 +49,24 @@ def test_sessions_that_differ_are_covered_on_new_ones() -> None:
         )
         hits.append(np.mean(np.abs(frames[12]) <= width))
     assert 0.88 < np.mean(hits) < 0.96
+
+
+@pytest.mark.parametrize("sessions", [2, 3, 4])
+def test_the_components_of_a_new_session_are_covered_although_there_were_only_few(sessions: int) -> None:
+    draw = np.random.default_rng(0)
+    names = np.repeat([f"s{k}" for k in range(sessions)], 30)
+    hits = []
+    for _ in range(100):
+        frames = 0.02 * (draw.normal(size=(sessions + 1, 1, 3)) + 0.3 * draw.normal(size=(sessions + 1, 30, 3)))
+        old = frames[:-1].reshape(-1, 3)
+        size = np.linalg.norm(old, axis=1)
+        for held_out, sampling in ((True, ""), (False, "random samples")):
+            found = interval_from_errors(
+                np.ones(3, np.bool_), old, np.zeros(len(old)), size, np.ones(len(old)), names, held_out, sampling
+            )
+            assert not found.by_session
+            hits.append(np.mean(np.abs(frames[-1]) <= found.half_n))
+    assert np.mean(hits) > 0.9  # 0.75 to 0.85 from the errors of all frames as they are
 
 
 @pytest.mark.parametrize(

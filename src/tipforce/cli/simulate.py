@@ -109,7 +109,7 @@ def command(
     if first.is_file():
         say(f"next: tipforce inspect {first}")
     else:
-        inputs = sorted(path for path in first.iterdir() if path.suffix in (".mp4", ".dcm"))[:1]
+        inputs = sorted(path for path in first.iterdir() if path.suffix in (".mp4", ".dcm"))
         logs = [path for name in ("force.csv", "stage.csv", "knob.csv") if (path := first / name).is_file()]
         words = " ".join(str(path) for path in (*inputs, *logs))
         say(f"next: tipforce import {words} --bench {first / 'bench.toml'} -o {first.name}.mcap")

@@ -4,7 +4,8 @@ The residuals of every session come from a model trained without that session (c
 Sessions are exchangeable, the frames of one session are not: each of J sessions has the mass 1 / (J + 1), spread over
 its frames, and the new session has the remaining mass at infinity (conformal prediction for exchangeable groups, Lee,
 Barber and Willett 2023). A 90 % quantile is finite from 9 sessions on. With fewer sessions the frames are pooled, which
-guarantees nothing for a new session, and the basis says so.
+guarantees nothing for a new session, and the basis says so; Student's factor then widens the components' intervals, as
+it does the magnitude's (see `_strata`).
 """
 
 import math
@@ -17,7 +18,7 @@ import numpy.typing as npt
 from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 
 from ...types import BoolArray, FloatArray
-from ._strata import ForceStrata, fit_strata
+from ._strata import MIN_CONFORMAL_SESSIONS, ForceStrata, fit_strata, student_factor
 
 COVERAGE = 0.9
 
@@ -263,7 +264,9 @@ def interval_from_errors(
     half, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
     if known.any():
         axes = np.flatnonzero(known)
-        half[axes] = [conformal_half_width(error[:, t], session, basis) for t in range(len(axes))]
+        guaranteed = basis.by_session or sessions >= MIN_CONFORMAL_SESSIONS
+        wider = 1.0 if guaranteed else student_factor(sessions)
+        half[axes] = [wider * conformal_half_width(error[:, t], session, basis) for t in range(len(axes))]
         covariance[np.ix_(axes, axes)] = error.T @ error / len(error)
     return Interval(
         half_n=half,

@@ -180,17 +180,17 @@ def _ends(error: FloatArray, session: npt.NDArray[np.str_]) -> tuple[FloatArray,
         held = np.cumsum(mass[ranked]) * sessions / (sessions + 1)
         factor = float(score[ranked[np.searchsorted(held, _COVERAGE - 1e-9)]])
     else:
-        factor = _student(sessions)
+        factor = student_factor(sessions)
     return np.array([median - factor * below, median + factor * above]), sessions
 
 
 _SHARES = np.array([TAIL_SHARE, 0.5, 1.0 - TAIL_SHARE]) - 1e-9
 
 
-def _student(sessions: int) -> float:
+def student_factor(sessions: int) -> float:
     """Returns the factor by which the 90 % prediction of one more normal value from few sessions is wider.
 
-    >>> [round(_student(sessions), 2) for sessions in (1, 3, 8)]
+    >>> [round(student_factor(sessions), 2) for sessions in (1, 3, 8)]
     [4.7, 2.05, 1.22]
     """
     several = max(sessions, 2)
