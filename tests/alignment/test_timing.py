@@ -15,7 +15,7 @@ from tipforce.vision import DetectedShape
 def elastic(
     offset_s: float,
     *,
-    seconds: float = 30.0,
+    seconds: float = 20.0,
     hz: float = 1.2,
     amplitude: float = 0.2,
     noise: float = 1e-3,
@@ -258,7 +258,7 @@ def test_images_that_are_missing_without_a_gap_in_their_stamps_are_noticed() -> 
 
 def test_frames_without_a_plausible_force_are_left_out() -> None:
     """A force that is not plausible is no force of zero."""
-    frames, shape, stamps, force = elastic(0.03)
+    frames, shape, stamps, force = elastic(0.03, seconds=30.0)
     bad = (stamps - stamps[0]) % 7_000_000_000 < 1_500_000_000
     force[bad] = np.nan
     found = estimate_clock(frames, shape, stamps, force)

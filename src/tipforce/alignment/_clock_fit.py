@@ -200,12 +200,16 @@ class Data:
         x, y = self.force.at(self.time - shifts[:, None])
         across, along = self.coordinates[:, 1] / unit, self.coordinates[:, 2] / unit
         lever = across * x + along * y
-        columns = [lever**power for power in range(1, degree + 1)]
-        levers = np.stack([across, along], axis=-1)
-        slopes = [(power * lever ** (power - 1))[..., None] * levers for power in range(1, degree + 1)]
-        columns.append(along * x - across * y)
-        slopes.append(np.broadcast_to(np.stack([along, -across], axis=-1), slopes[0].shape))
-        return np.stack(columns, axis=-1), np.stack(slopes, axis=-2)
+        terms, slopes = np.empty((*lever.shape, degree + 1)), np.empty((*lever.shape, degree + 1, 2))
+        power: FloatArray = np.ones_like(lever)
+        for column in range(degree):
+            slope = (column + 1.0) * power
+            slopes[..., column, 0], slopes[..., column, 1] = slope * across, slope * along
+            power = power * lever
+            terms[..., column] = power
+        terms[..., degree] = along * x - across * y
+        slopes[..., degree, 0], slopes[..., degree, 1] = along, -across
+        return terms, slopes
 
 
 class Fit:
@@ -228,13 +232,12 @@ class Fit:
         self._c = self._quick(data.coordinates[:, 0])
         numbers, block = np.unique(data.blocks, return_inverse=True)
         self.count = len(numbers)
-        x, noise = self._terms(shifts)
-        parts = [(x[:, block == number], noise[:, block == number]) for number in range(self.count)]
-        self._raw = np.array([np.swapaxes(part, 1, 2) @ part for part, _ in parts])
-        self._noise = np.array([part.sum(axis=1) for _, part in parts])
-        self._xc = np.stack(
-            [np.swapaxes(part, 1, 2) @ self._c[block == number] for number, (part, _) in enumerate(parts)]
-        )
+        x, slopes = data.terms(shifts, self._unit, degree)
+        x = self._quick(x)
+        inside = [np.flatnonzero(block == number) for number in range(self.count)]
+        self._raw = np.array([np.swapaxes(x[:, rows], 1, 2) @ x[:, rows] for rows in inside])
+        self._noise = np.array([self._noise_of(slopes[:, rows], rows) for rows in inside])
+        self._xc = np.stack([np.swapaxes(x[:, rows], 1, 2) @ self._c[rows] for rows in inside])
         self._cc = np.bincount(block, self._c**2)
         middle, half = self.span
         times = np.bincount(block, data.time) / np.bincount(block)
@@ -248,6 +251,8 @@ class Fit:
         share = _share(self._raw.sum(axis=0) + np.diag(prior), self._noise.sum(axis=0))
         self.corrected = min(1.0, _MAX_NOISE_SHARE / share)
         self._xx = self._raw - self.corrected * self._noise
+        self._sums: FloatArray = np.concatenate([self._xx, self._xc[..., None]], axis=3)
+        self._steps: FloatArray = np.diff(self._sums, axis=1)
 
     def with_penalty(self, penalty: float) -> "Fit":
         """Returns the same fit with another prior on the sensor's angle."""
@@ -265,12 +270,21 @@ class Fit:
         """Returns (n,) or (shifts, n, terms) without the bend that the force does not explain."""
         return values - self._basis @ (self._basis.T @ values)
 
-    def _terms(self, shifts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the terms (shifts, n, terms) and the force's noise in their products (shifts, n, terms, terms)."""
-        x, slopes = self._data.terms(shifts, self._unit, self._degree)
-        kept = 1.0 - np.sum(self._basis**2, axis=1)
-        noise = (slopes @ self._data.force.noise) @ np.swapaxes(slopes, -1, -2) * kept[:, None, None]
-        return self._quick(x), noise
+    def _noise_of(self, slopes: FloatArray, rows: IntArray) -> FloatArray:
+        """Returns the force's noise in the products of the terms, summed over frames.
+
+        Args:
+            slopes: (shifts, k, terms, 2) derivatives of the terms by the force's x and y.
+            rows: (k,) the frames.
+
+        Returns:
+            (shifts, terms, terms) its part of the normal equations.
+        """
+        kept = 1.0 - np.sum(self._basis[rows] ** 2, axis=1)
+        by_term = np.swapaxes(slopes, 1, 2)
+        shape = (*by_term.shape[:2], -1)
+        noisy: FloatArray = (by_term @ self._data.force.noise) * kept[:, None]
+        return noisy.reshape(shape) @ np.swapaxes(by_term.reshape(shape), 1, 2)
 
     def profile(self, weights: FloatArray, tilted: list[Tilted]) -> FloatArray:
         """Returns the profile over shift and tilt.
@@ -287,15 +301,12 @@ class Fit:
         at = np.clip((shift - self.shifts[0]) / step, 0.0, len(self.shifts) - 1.000001)
         low = at.astype(np.int64)
         part = at - low
-        block = np.arange(self.count)
-        terms = self._xc.shape[2]
-        xx = self._xx[block, low] * (1.0 - part)[..., None, None] + self._xx[block, low + 1] * part[..., None, None]
-        xc = self._xc[block, low] * (1.0 - part)[..., None] + self._xc[block, low + 1] * part[..., None]
-        count = len(tilted)
-        all_xx: FloatArray = np.tensordot(weights, xx, (1, 1)).reshape(-1, terms, terms).astype(np.float64)
-        all_xc: FloatArray = np.tensordot(weights, xc, (1, 1)).reshape(-1, terms).astype(np.float64)
-        solved = self._solved(all_xx, all_xc)
-        taken = np.sum(all_xc * solved, axis=1).reshape(len(weights), count)
+        block, terms, count = np.arange(self.count), self._xc.shape[2], len(tilted)
+        sums = self._sums[block, low] + part[..., None, None] * self._steps[block, low]
+        weighted = weights @ np.swapaxes(sums, 0, 1).reshape(self.count, -1)
+        of_all = weighted.reshape(-1, terms, terms + 1)
+        all_xc: FloatArray = of_all[..., -1]
+        taken = np.sum(all_xc * self._solved(of_all[..., :-1], all_xc), axis=1).reshape(len(weights), count)
         return -np.log(np.maximum((weights @ self._cc)[:, None] - taken, 1e-30))
 
     def _solved(self, xx: FloatArray, xc: FloatArray) -> FloatArray:
@@ -318,10 +329,8 @@ class Fit:
         """
         ones = np.ones((1, self.count))  # all blocks have the same weight
         tilts = np.linspace(-max_tilt_s, max_tilt_s, _STEPS) if max_tilt_s else np.zeros(1)
-        grid = [[(float(shift), float(tilt)) for shift in self.shifts] for tilt in tilts]
-        heights = np.array([self.profile(ones, row)[0] for row in grid])
-        row, column = np.unravel_index(int(np.argmax(heights)), heights.shape)
-        at, step = grid[int(row)][int(column)], float(self.shifts[1] - self.shifts[0])
+        grid = [(float(shift), float(tilt)) for tilt in tilts for shift in self.shifts]
+        at, step = grid[int(np.argmax(self.profile(ones, grid)[0]))], float(self.shifts[1] - self.shifts[0])
         tilt_step = float(tilts[1] - tilts[0]) if max_tilt_s else 0.0
         for _ in range(6):
             at = self.peaks(ones, at, step, tilt_step)[0]
@@ -345,7 +354,7 @@ class Fit:
         tilted = [(about[0] + a * step, about[1] + b * tilt_step) for a, b in zip(x, y, strict=True)]
         heights = self.profile(weights, tilted)
         columns = np.stack([np.ones_like(x), x, x * x, *((y, y * y, x * y) if tilt_step else ())], axis=1)
-        solved = np.linalg.lstsq(columns, heights.T, rcond=None)[0]
+        solved = np.linalg.solve(columns.T @ columns, columns.T @ heights.T)
         found = np.zeros((len(weights), 2))
         best = np.argmax(heights, axis=1)
         for row, c in enumerate(solved.T):
@@ -362,12 +371,9 @@ class Fit:
         middle, half = self.span
         straight = replace(self._data, time=self._data.time - at[0] - at[1] * (self._data.time - middle) / half)
         x, slopes = straight.terms(np.zeros(1), self._unit, self._degree)
-        kept = 1.0 - np.sum(self._basis**2, axis=1)
-        noise = (slopes[0] @ self._data.force.noise) @ np.swapaxes(slopes[0], -1, -2) * kept[:, None, None]
+        noise = self._noise_of(slopes, np.arange(len(self._c)))[0]
         quick = self._quick(x[0])
-        return quick, self._solved(
-            (quick.T @ quick - self.corrected * noise.sum(axis=0))[None], (quick.T @ self._c)[None]
-        )[0]
+        return quick, self._solved((quick.T @ quick - self.corrected * noise)[None], (quick.T @ self._c)[None])[0]
 
     def residuals(self, at: Tilted) -> FloatArray:
         """Returns the bend (n,) that is left unexplained, in rad."""
