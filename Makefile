@@ -9,6 +9,8 @@ KERNELS := tests/vision tests/geometry tests/mechanics tests/limits tests/simula
 # Jobs that run side by side print one after the other where this make can do that.
 ONE_AT_A_TIME := $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 export NO_MKDOCS_2_WARNING := 1
+# Python keeps what it compiles: otherwise each process compiles all libraries again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup demo test walkthrough check types contracts pages docs bench prove clean
 

@@ -23,11 +23,13 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from tipforce._system.cores import cores
 from tipforce.geometry import curve_from_angle
 from tipforce.types import BasePose
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     cv2.setNumThreads(1)
+gc.disable()  # nearly all that the collection of the tests makes is kept: the collector of garbage would search in vain
 
 # The first example of a test may compile the hot loops. The same examples every time, so that a change is judged by
 # what it changes; `make prove` looks for new ones.
@@ -53,8 +55,15 @@ FIRST = (
     "tests/cli",
     "tests/estimators",
     "tests/evaluation",
+    "tests/training",
 )
 """Files that begin: long ones. The first makes the bench that others share, before any other process asks for it."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One process more than there are cores: tests that wait, for a browser or a clock, would leave a core idle."""
+    return cores() + 1
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -71,6 +80,7 @@ def pytest_collection_finish() -> None:
     """What the modules loaded stays: the collector of garbage need not look through it again and again."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def _shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
