@@ -32,7 +32,7 @@ def images(tmp_path):
 
 def evaluated(images, folder, *words):
     """What metrics.json holds after the verb."""
-    words = ["evaluate", "--protocol", "random", *words, "--data", str(images), "-o", str(folder)]
+    words = ["evaluate", *words, "--data", str(images), "-o", str(folder)]
     result = CliRunner().invoke(app, words)
     assert result.exception is None, result.exception
     return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
@@ -47,7 +47,7 @@ def evaluated(images, folder, *words):
 )
 def test_a_network_is_trained_from_nothing_and_judged(images, tmp_path, no_figures, method, settings):
     words = [word for each in settings for word in ("--set", each)]
-    figures = evaluated(images, tmp_path / "report", method, *words)
+    figures = evaluated(images, tmp_path / "report", method, "--protocol", "random", *words)
     assert [row["method"] for row in figures["results"]] == [method, "constant"]
     split = figures["results"][0]["splits"][0]
     assert (split["train"], split["test"]) == (24, 8)

@@ -14,7 +14,8 @@ from tipforce.io import RecordingReader, open_source
 from tipforce.simulation import read_truth
 from tipforce.types import Frame, read_bench
 
-SETTINGS = ["--sessions", "1", "--seconds", "12", "--set", "world.tare_s=2", "--seed", "3"]
+SMALL = ["width=320", "height=240", "world.tare_s=2", "world.motion.peak_within_n=0.005"]
+SETTINGS = ["--sessions", "1", "--seconds", "12", "--seed", "3", *(word for each in SMALL for word in ("--set", each))]
 
 
 def run(verb, *arguments):
@@ -63,7 +64,7 @@ def test_imported_the_files_give_the_true_force_but_for_the_sensors_own_errors(s
 def test_lossless_files_hold_every_pixel_that_is_drawn(tmp_path):
     from tipforce.simulation import PRESETS, SimulatedBench, SimulationSettings
 
-    small = ["width=160", "height=120", "world.clock.fps=4", "world.tare_s=2"]
+    small = ["width=160", "height=120", "world.clock.fps=4", "world.tare_s=2", "world.motion.peak_within_n=0.005"]
     settings = [word for pair in small for word in ("--set", pair)]
     result = run(
         "simulate", "--as", "files", "--lossless", "--sessions", "1", "--seconds", "8", "-o", tmp_path, *settings

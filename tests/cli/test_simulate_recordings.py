@@ -12,7 +12,7 @@ from tipforce.errors import FileFormatError, InputError
 from tipforce.io import RecordingReader
 from tipforce.simulation import read_truth, truth_path
 
-SMALL = ["--set", "width=320", "--set", "height=240"]
+SMALL = ["--set", "width=320", "--set", "height=240", "--set", "world.motion.peak_within_n=0.005"]
 ARGUMENTS = ["--sessions", "2", "--seconds", "9", "--set", "world.tare_s=2", "--seed", "4", *SMALL]
 
 

@@ -118,7 +118,7 @@ def test_shards_hold_the_same_samples(made, sharded):
         assert np.array_equal(one.views["camera"], other.views["camera"])
 
 
-def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_path):
+def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_path, no_figures):
     figures = tmp_path / "figures.json"
     result = run("inspect", sharded, "-o", tmp_path / "sheet.png", "--json", figures)
     assert result.exit_code == 0, result.output

@@ -25,7 +25,8 @@ def brief(preset: str, fps: float, side: int = 256) -> FluoroSettings:
     settings = PRESETS[preset]
     assert isinstance(settings, FluoroSettings)
     clock = settings.world.clock.model_copy(update={"fps": fps, "dropped_share": 0.1})
-    world = settings.world.model_copy(update={"seconds": 8.0, "tare_s": 2.0, "clock": clock})
+    motion = settings.world.motion.model_copy(update={"peak_within_n": 5e-3})
+    world = settings.world.model_copy(update={"seconds": 8.0, "tare_s": 2.0, "clock": clock, "motion": motion})
     return settings.model_copy(update={"world": world, "width": side, "height": side})
 
 

@@ -39,7 +39,7 @@ def test_settings_stay_what_the_user_said(name: str) -> None:
 
 def test_unfitted_is_the_fresh_method_after_a_fit_too(bench: Path, tmp_path: Path) -> None:
     data = open_dataset(bench / "runs")
-    some = data.subset(np.arange(0, len(data), 6))
+    some = data.subset(np.arange(0, len(data), 3))
     method = Svr(SvrSettings(max_left_out=0.3))
     fitted = method.unfitted().fit(some)
     assert fitted.settings == method.settings, "nothing that was learnt is in the settings"
@@ -84,7 +84,7 @@ LONG = ("rod-3d",)
 )
 def test_a_method_that_needs_no_fit_estimates_learns_and_is_saved(name: str, bench: Path, tmp_path: Path) -> None:
     data = open_dataset(bench / "runs")
-    some = data.subset(np.arange(0, len(data), 16))
+    some = data.subset(np.arange(0, len(data), 10))
     stated = load_model(name).predict(some)
     assert sum(each.valid for each in stated) > 0.6 * len(stated)
     fitted = create(name).fit(some).calibrate(some)

@@ -29,7 +29,7 @@ pytest.importorskip("onnxscript", reason="training needs the extra [train]")
 HEIGHT, WIDTH = 60, 80
 CATHETER = Catheter("7F", 2.33e-3, 40e-3, 8e-3, 4.3e-4)
 GAIN = ActuationInfo(0.533)
-QUICK = CompactSettings(size=64, epochs=15, batch=16, precision="fp32", validation=0.2)
+QUICK = CompactSettings(size=64, epochs=10, batch=16, precision="fp32", validation=0.2)
 
 
 def bench(force: np.ndarray, draw: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

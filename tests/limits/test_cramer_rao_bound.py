@@ -22,9 +22,13 @@ from tipforce.limits import (
     read_companion_bounds,
 )
 from tipforce.simulation import PRESETS, SimulatedBench, SimulationSettings, collect_truth, truth_path, write_truth
-from tipforce.simulation.world.settings import ClockSettings, WorldSettings
+from tipforce.simulation.world.settings import ClockSettings, MotionSettings, WorldSettings
 
-SHORT = SimulationSettings(world=WorldSettings(seconds=9.0, tare_s=2.0, clock=ClockSettings(fps=8.0)))
+SHORT = SimulationSettings(
+    world=WorldSettings(
+        seconds=9.0, tare_s=2.0, clock=ClockSettings(fps=8.0), motion=MotionSettings(peak_within_n=5e-3)
+    )
+)
 
 
 @pytest.fixture(scope="module")

@@ -3,15 +3,15 @@
 import pytest
 
 from tipforce.simulation import SimulatedBench, SimulationSettings
-from tipforce.simulation.world.settings import ClockSettings, WorldSettings
+from tipforce.simulation.world.settings import ClockSettings, MotionSettings, WorldSettings
 
 
 @pytest.fixture(scope="session")
 def short() -> SimulationSettings:
     clock = ClockSettings(fps=12.0)
-    return SimulationSettings(
-        preset="short", world=WorldSettings(seconds=8, tare_s=2, clock=clock), width=160, height=120
-    )
+    motion = MotionSettings(peak_within_n=5e-3)
+    world = WorldSettings(seconds=8, tare_s=2, clock=clock, motion=motion)
+    return SimulationSettings(preset="short", world=world, width=160, height=120)
 
 
 @pytest.fixture(scope="session")

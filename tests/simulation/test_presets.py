@@ -13,7 +13,8 @@ from tipforce.types import JOINTS, Actuation, Frame
 
 def brief(preset: str, seconds: float = 8.0, **changes):
     settings = PRESETS[preset]
-    world = settings.world.model_copy(update={"seconds": seconds, "tare_s": 1.0})
+    motion = settings.world.motion.model_copy(update={"peak_within_n": settings.world.motion.peak_within_n or 5e-3})
+    world = settings.world.model_copy(update={"seconds": seconds, "tare_s": 1.0, "motion": motion})
     small = {"width": 256, "height": 256} if isinstance(settings, FluoroSettings) else {}
     return settings.model_copy(update={"world": world, **small, **changes})
 

@@ -11,7 +11,7 @@ SETTINGS = SimulationSettings.model_validate(
             "seconds": 8.0,
             "tare_s": 1.0,
             "wall": {"contact_angle_deg": [60, 60], "side_stiffness_n_per_m2": 1e4},
-            "motion": {"peak_force_n": [0.03, 0.08], "free_share": [0.0, 0.9]},
+            "motion": {"peak_force_n": [0.03, 0.08], "free_share": [0.0, 0.9], "peak_within_n": 5e-3},
             "sensor": {"noise_n": 0.0, "torque_noise_nm": 0.0, "step_n": [1e-9] * 3, "torque_step_nm": 1e-12},
             "clock": {"fps": 6.0},
         },

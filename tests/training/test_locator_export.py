@@ -1,4 +1,4 @@
-"""The graph of the locator computes what the network computes, at any size, and holds all of its weights."""
+"""A graph of the locator computes what the network computes, at any size, and holds all of its weights."""
 
 from pathlib import Path
 
@@ -7,6 +7,7 @@ import onnxruntime
 import pytest
 
 from tipforce.errors import ModelError
+from tipforce.vision import locator as locator_package
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnxscript")
@@ -20,11 +21,14 @@ def network():
     return Locator().eval()
 
 
-@pytest.fixture(scope="module")
-def graph(network) -> bytes:
-    from tipforce.training.locator import export_locator
+@pytest.fixture(scope="module", params=["weights replaced", pytest.param("exported", marks=pytest.mark.slow)])
+def graph(network, request: pytest.FixtureRequest) -> bytes:
+    """The shipped graph with other weights, as a fine-tuning makes it; or an export, which takes 20 s."""
+    from tipforce.training.locator import export_locator, graph_with_weights
 
-    return export_locator(network)
+    if request.param == "exported":
+        return export_locator(network)
+    return graph_with_weights(Path(locator_package.__file__).with_name("locator.onnx").read_bytes(), network)
 
 
 @pytest.mark.parametrize("shape", [(1, 10, 96, 128), (2, 10, 64, 160)])

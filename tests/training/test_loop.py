@@ -82,7 +82,9 @@ PLAIN = {"optimiser": "sgd", "schedule": "plateau", "plateau_epochs": 2, "precis
 FULL = {"optimiser": "adamw", "schedule": "cosine", "average": 0.9, "clip_norm": 1.0, "rate": 0.002}
 
 
-@pytest.mark.parametrize("extra", [PLAIN, FULL], ids=["sgd", "adamw with average"])
+@pytest.mark.parametrize(
+    "extra", [pytest.param(PLAIN, marks=pytest.mark.slow), FULL], ids=["sgd", "adamw with average"]
+)
 def test_a_killed_training_goes_on_to_the_same_result(
     tiny: Any, bars: Bars, quick: TrainConfig, tmp_path: Path, extra: dict[str, Any]
 ) -> None:
