@@ -20,6 +20,8 @@ from tipforce.pipelines._simulate_sessions import leave_dicom
 from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench, read_truth, sample_set
 from tipforce.types import Frame
 
+SMALL = ["width=128", "height=128", "world.tare_s=2", "world.clock.fps=6", "world.motion.peak_within_n=0.005"]
+
 
 def brief(preset: str, fps: float, side: int = 256) -> FluoroSettings:
     settings = PRESETS[preset]
@@ -132,17 +134,15 @@ def test_inspect_shows_the_first_view_where_none_is_stated_and_names_those_that_
 
 
 def test_of_two_views_the_next_step_names_the_one_to_train_on(tmp_path):
-    small = ["width=128", "height=128", "world.tare_s=2", "world.clock.fps=6"]
     options = ["--as", "dataset", "--preset", "biplane", "--samples", 2, "--samples-per-session", 2, "--seconds", 8]
-    result = run("simulate", "-o", tmp_path / "set", *options, *(word for each in small for word in ("--set", each)))
+    result = run("simulate", "-o", tmp_path / "set", *options, *(word for each in SMALL for word in ("--set", each)))
     assert result.exit_code == 0, result.output
     assert "-o models/svr --set vision.view=a" in " ".join(result.output.split())
 
 
 def test_the_next_step_imports_the_videos_of_both_views(tmp_path):
-    small = ["width=128", "height=128", "world.tare_s=2", "world.clock.fps=6"]
     options = ["--as", "files", "--preset", "biplane", "--sessions", 1, "--seconds", 8]
-    result = run("simulate", "-o", tmp_path / "runs", *options, *(word for each in small for word in ("--set", each)))
+    result = run("simulate", "-o", tmp_path / "runs", *options, *(word for each in SMALL for word in ("--set", each)))
     assert result.exit_code == 0, result.output
     words = "".join(result.output.split())
     session = tmp_path / "runs" / "session_00"
