@@ -42,14 +42,27 @@ class _Body:
     """Tubes (axis, radius, appearance) that are drawn over the root, in this order."""
 
 
-def draw(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
-    """Draws one scene of (size, size)."""
+LENGTH_SHARES = 0.24, 0.72
+"""Least and largest length of the catheter, shares of the image's side."""
+
+
+def draw(
+    rng: np.random.Generator, drawer: Drawer, size: int, length_shares: tuple[float, float] = LENGTH_SHARES
+) -> Scene:
+    """Draws one scene of (size, size).
+
+    Args:
+        rng: source of randomness.
+        drawer: draws tubes into images of this size.
+        size: side of the image, px.
+        length_shares: least and largest length of the catheter in a camera image, shares of ``size``.
+    """
     if rng.random() < 0.13:
         return _xray(rng, drawer, size)
     light = ground(rng, size, size)
     canvas = SceneCanvas.empty(light)
     lights = random_lights(rng)
-    length = math.exp(rng.uniform(math.log(0.24), math.log(0.72))) * size
+    length = math.exp(rng.uniform(*np.log(length_shares))) * size
     diameter = length / math.exp(rng.uniform(math.log(5.5), math.log(42.0)))
     diameter = max(diameter, 2.2)
     level = light.reshape(-1, 3)[rng.integers(size * size)].copy() if rng.random() < 0.15 else None

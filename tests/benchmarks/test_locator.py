@@ -11,6 +11,7 @@ from bench.locator import scene  # noqa: E402
 from bench.locator.curves import curve  # noqa: E402
 from bench.locator.tubes import Drawer  # noqa: E402
 
+from tipforce.geometry import resampled  # noqa: E402
 from tipforce.training.locator import (  # noqa: E402
     CATHETER,
     CELLS,
@@ -27,6 +28,8 @@ from tipforce.training.locator import (  # noqa: E402
     window,
     window_shapes,
 )
+from tipforce.training.locator import _strips as strips  # noqa: E402
+from tipforce.vision.locator import straightened  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 
@@ -179,6 +182,26 @@ def test_a_strip_of_a_scene_has_the_true_axis_and_ends(scenes):
     for k in (0, 4, 5, 6):
         false = (*true[:k], wrong[k], *true[k + 1 :])
         assert line_loss(true, wanted) < line_loss(false, wanted)
+
+
+def test_wrong_lines_of_strips_are_not_exactly_on_an_axis(scenes, monkeypatch):
+    """A line without errors across the shaft would be known as wrong by that alone."""
+    one = next(scene for scene in scenes if scene.present and (scene.state == SEEN).all())
+    lines: list[np.ndarray] = []
+
+    def kept(image, line, diameter_px):
+        lines.append(line)
+        return straightened(image, line, diameter_px)
+
+    monkeypatch.setattr(strips, "straightened", kept)
+    monkeypatch.setattr(strips, "_elsewhere", lambda line, *_: line[::-1])
+    monkeypatch.setattr(strips, "WRONG_SHARE", 1.0)
+    rng = np.random.default_rng(4)
+    for _ in range(6):
+        strip_target(StripSource(one.image, one.line, one.state, one.diameter_px), rng)
+    fine = resampled(one.line, 2000)
+    off = [np.linalg.norm(line[10:-10, None] - fine, axis=2).min(axis=1).max() for line in lines]
+    assert min(off) > 0.02 * one.diameter_px
 
 
 def test_a_strip_without_its_catheter_is_wrong(scenes):

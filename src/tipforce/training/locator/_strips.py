@@ -74,11 +74,10 @@ def strip_target(source: StripSource, rng: np.random.Generator) -> StripTarget:
     state = source.state[np.linspace(0, len(source.state) - 1, LINE_POINTS).round().astype(int)]
     wrong = not source.present or rng.random() < WRONG_SHARE
     hidden_from = int(np.flatnonzero(state == SEEN).max(initial=0)) / (LINE_POINTS - 1.0)
-    guess = (
-        _elsewhere(line, diameter_px, source.image.shape, rng)
-        if wrong and (source.present or rng.random() < 0.5)
-        else _disturbed(line, diameter_px, hidden_from, rng)
-    )
+    elsewhere = wrong and (source.present or rng.random() < 0.5)
+    course = _elsewhere(line, diameter_px, source.image.shape, rng) if elsewhere else line
+    # lines elsewhere have the same errors: a line exactly on an axis would be known as wrong by that alone
+    guess = _disturbed(course, diameter_px, hidden_from, rng)
     strip = straightened(source.image, guess, diameter_px)
     offset, near, at = _offsets(line, strip.points, strip.normals, diameter_px)
     (base, base_off), (tip, tip_off) = (_station(strip.points, end) for end in (line[0], line[-1]))
