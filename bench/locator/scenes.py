@@ -26,7 +26,8 @@ from tipforce.vision._line_probability import line_features, probability
 from tipforce.vision.locator import Known, Located, Prompts, locate
 from tipforce.vision.locator._session import POINTS, session_constants
 
-SIZE_PX = 384
+SIZES_PX, LENGTH_SHARES = (384, 640), (scene.LENGTH_SHARES, (0.08, 0.3))
+"""Sides of every other image, and the lengths of the catheters in it: in a photograph of a bench they are small."""
 STATED = ("nothing", "border", "size", "box", "box and size")
 VALID_PROBABILITY = VisionSettings().least_probability
 EMPTY_SHARE = 0.15
@@ -69,14 +70,15 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=600)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    rng, drawer = np.random.default_rng(options.seed), Drawer(SIZE_PX, SIZE_PX)
+    rng, drawers = np.random.default_rng(options.seed), [Drawer(side, side) for side in SIZES_PX]
     rows, right, numbers = [], [], []
     counts: dict[str, Counter[str]] = {each: Counter() for each in STATED}
     for number in range(options.scenes):
         if rng.random() < EMPTY_SHARE:
-            drawn = empty.draw(str(rng.choice(list(empty.KINDS))), rng, drawer, SIZE_PX)
+            drawn = empty.draw(str(rng.choice(list(empty.KINDS))), rng, drawers[0], SIZES_PX[0])
         else:
-            drawn = scene.draw(rng, drawer, SIZE_PX)
+            which = number % 2
+            drawn = scene.draw(rng, drawers[which], SIZES_PX[which], LENGTH_SHARES[which])
         visible = drawn.state == SEEN
         if drawn.present and (visible.mean() < 0.5 or not math.isfinite(drawn.diameter_px)):
             continue
