@@ -9,7 +9,7 @@ from tipforce.vision.locator import Prompts, RoughPoints, read_points, rough_lin
 from tipforce.vision.locator import _locate as locate_module
 from tipforce.vision.locator import _networks as networks
 from tipforce.vision.locator._networks import POINTS, STRIDE, rough_points
-from tipforce.vision.locator._session import _likely_bases
+from tipforce.vision.locator._session import _length, _likely_bases
 
 CELLS = 40
 BLANK = np.full((CELLS * STRIDE, CELLS * STRIDE, 3), 127, np.uint8)
@@ -91,3 +91,12 @@ def test_the_base_of_the_surest_reading_is_tried() -> None:
     )  # fmt: skip
     sure = reading(straight((300.0, 200.0), (300.0, 260.0)))
     np.testing.assert_allclose(_likely_bases([line], [sure], 6.0, None)[0], (300.0, 200.0))  # type: ignore[list-item]
+
+
+def test_a_length_is_unsure_where_nothing_states_it_and_no_image_shows_the_tip() -> None:
+    hidden = SimpleNamespace(
+        points=straight((300.0, 200.0), (300.0, 260.0)), length_px=60.0, tip_seen=0.2, tip_peak=0.9
+    )
+    length, error = _length([hidden, hidden], np.array([300.0, 200.0]), None)  # type: ignore[list-item]
+    assert length == pytest.approx(60.0)
+    assert error > 10.0

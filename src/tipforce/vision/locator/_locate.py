@@ -24,7 +24,8 @@ from ._strip import ACROSS, ALONG, HALF_WIDTH
 
 PYRAMID_SIDES_PX, FINE_SIDE_PX = (192, 320, 512), 768
 """Where no length is known the image is read with its longer side of these lengths in px; of the last one only where no
-reading was confirmed."""
+reading was confirmed and the image is not much smaller."""
+MAX_FINE_MAGNIFICATION = 1.5
 CONFIRMED_SCORE = 0.5
 """Product of the surenesses of both readings, at a side of the pyramid and at the length that was found there, from
 which a line is confirmed."""
@@ -135,8 +136,9 @@ def read_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | 
     largest = min(MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
     if prompts.length_px is not None:
         return _read_at(image, prompts, min(NOMINAL_LENGTH_PX / prompts.length_px, largest), network)
+    fine = [(FINE_SIDE_PX,)] if MAX_FINE_MAGNIFICATION * longer >= FINE_SIDE_PX else []
     best, score = None, 0.0
-    for sides in (PYRAMID_SIDES_PX, (FINE_SIDE_PX,)):
+    for sides in (PYRAMID_SIDES_PX, *fine):
         if score >= CONFIRMED_SCORE:
             break
         reads = [_read_at(image, prompts, min(side / longer, MAX_MAGNIFICATION), network) for side in sides]

@@ -41,6 +41,8 @@ MAX_LENGTH_SIGMAS = 3.0
 """A length that is further from the stated one is kept as it is."""
 ONE_LENGTH_STD_SHARE, MIN_LENGTH_STD_SHARE = 0.03, 0.004
 """Standard error of a length from one line, and the least one."""
+UNSEEN_LENGTH_STD_SHARE = 0.25
+"""Standard error of a length that is not stated where no image shows the tip: it is only where the lines end."""
 MIN_LENGTH_RATIO, MAX_LENGTH_RATIO = 0.8, 1.15
 """An object of another length than these shares of the stated one is not the catheter; its root may be hidden."""
 MAX_LENGTH_CHANGE_SHARE = 0.25
@@ -279,7 +281,8 @@ def _length(lines: Sequence[Located], base_px: FloatArray, stated: Known | None)
     if not seen:
         if stated is not None:
             return stated.length_px, stated.length_std_px
-        seen = sorted(lines, key=lambda line: -line.tip_peak)[: (len(lines) + 1) // 2]
+        length = statistics.median(line.length_px for line in lines)
+        return length, UNSEEN_LENGTH_STD_SHARE * length
     lengths = []
     for line in seen:
         arc = arc_length(line.points)
