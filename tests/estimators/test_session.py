@@ -34,7 +34,7 @@ from tipforce.estimators.session._state import (
 )
 from tipforce.estimators.session._walk import Fit, predict
 from tipforce.mechanics import PlanarRod
-from tipforce.mechanics.planar import Line
+from tipforce.mechanics.planar import UNKNOWNS, Line, make_work, predict_held_line
 from tipforce.types import (
     ActuationInfo,
     Catheter,
@@ -362,3 +362,40 @@ def test_intervals_hold_on_lines_drawn_from_the_model_itself() -> None:
         found = state.step(line, SCALE, 10.0, 0.0)
         holds += bool(found.force.low_n[2] <= size <= found.force.high_n[2])
     assert holds >= 0.85 * frames
+
+
+def test_a_push_that_only_a_held_tip_carries_is_found() -> None:
+    """A free tip would give way under such a push: the tissue holds it."""
+    state = session()
+    for _ in range(5):
+        see(state, (0.0, 0.0), elapsed_s=1.0)
+    model = rod_model(INFO, SETTINGS.segments)
+    work, c, s = make_work(model, 2, len(UNKNOWNS)), math.cos(0.1), math.sin(0.1)
+    line, q = FRAME.line(CentrelinePx(image_of((0.0, 0.0)))), np.zeros(len(UNKNOWNS))
+    line = line._replace(points=line.points[-2:], normals=line.normals[-2:], from_tip=line.from_tip[-2:])
+    q[2], q[5] = 0.533 * 10.0 + 0.2, 4.5e-4
+    for push_n in np.linspace(0.0, 0.6, 13):
+        q[:2] = -push_n, 4e-3
+        assert predict_held_line(q, 0.0, c, s, model, line, np.zeros((3, 0)), work)
+    assert work.reaction[1] < 0.0, "a dead load would hold this shape, too"
+    force = np.array([-c * 0.6 - s * work.reaction[0], -s * 0.6 + c * work.reaction[0]])
+    turn = np.array([[math.cos(0.017), math.sin(0.017)], [-math.sin(0.017), math.cos(0.017)]])
+    image = (work.nodes.T @ turn - (1.5e-3, 0.0)) / SCALE * (1.0, -1.0) + (-0.5, 239.5)
+    found = state.step(FRAME.line(CentrelinePx(image[2:])), SCALE, 10.0, FRAME_S)
+    assert found.explained
+    assert np.hypot(*(found.force.force_n - force)) < 0.05
+    assert found.force.low_n[2] < math.hypot(*force) < found.force.high_n[2] < 0.75
+
+
+def test_frames_pushed_across_the_tip_do_not_draw_the_constants_to_larger_pushes() -> None:
+    """Such forces are at the end of those that push: if only pushes counted, each frame would draw a little."""
+    state = session()
+    along = 0.533 * 10.0 * 0.042 + 0.017
+    said = []
+    for k in range(60):
+        size = 0.04 + 0.02 * math.sin(k)
+        force = (size * math.sin(along), -size * math.cos(along)) if k % 3 else (0.0, 0.0)
+        found = see(state, force, elapsed_s=1.0)
+        if k % 3 and k > 30:
+            said.append(float(np.hypot(*found.force.force_n)) - size)
+    assert np.mean(said) < 0.035  # 0.025; 0.051 if only pushes counted

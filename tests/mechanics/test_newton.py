@@ -8,9 +8,9 @@ from tipforce.mechanics.planar._newton import (
     TOLERANCE,
     Elastic,
     Load,
-    _assemble,
-    _newton_step,
+    assemble,
     energy_at,
+    newton_step,
     relax_in,
     sincos,
 )
@@ -32,7 +32,7 @@ def dense(theta, load=LOAD):
     n = theta.size
     work, cosine, sine = np.empty((5, n)), np.empty(n), np.empty(n)
     energy_at(theta, cosine, sine, ROD, load)
-    _assemble(theta, cosine, sine, ROD, load, work)
+    assemble(theta, cosine, sine, ROD, load, work)
     return work[0].copy(), np.diag(work[1]) + np.diag(work[2][:-1], 1) + np.diag(work[2][:-1], -1)
 
 
@@ -58,9 +58,9 @@ def test_a_step_solves_the_system_or_knows_that_it_is_not_definite(seed, firmnes
     full = np.diag(work[1]) + np.diag(work[2][:-1], 1) + np.diag(work[2][:-1], -1)
     lowest = np.linalg.eigvalsh(full)[0]
     step = np.empty(9)
-    assert _newton_step(work, 0.0, step) == (lowest > 0) or abs(lowest) < 1e-9
+    assert newton_step(work, 0.0, step) == (lowest > 0) or abs(lowest) < 1e-9
     shift = max(0.0, 0.1 - lowest)
-    assert _newton_step(work, shift, step)
+    assert newton_step(work, shift, step)
     np.testing.assert_allclose((full + shift * np.eye(9)) @ step, -work[0], atol=1e-7)
 
 

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ...mechanics.planar import FORCE, Line, Model
+from ...mechanics.planar import Line, Model
 from ...types import FloatArray, SessionInfo
 from ._knowledge import Knowledge
 from ._lines import StatedErrors
@@ -133,7 +133,7 @@ class SessionFilter(LinePosterior):
     def _follow(self, force: Mixed, fits: Hypotheses, elapsed_s: float) -> None:
         """Keeps the start of the next frame: force, contact, and the bend that the shaft has crept under."""
         self._share = min(1.0 - _LEAST_SHARE, max(_LEAST_SHARE, force.contact))
-        self._last_n = fits.touch_q[:FORCE].copy() if fits.found else force.force_n
+        self._last_n = fits.touch_n if fits.found else force.force_n
         assert self.state is not None
         keeps = math.exp(-elapsed_s / self._over_time.creep_s)
         shape = self._shapes["touch" if force.contact > 0.5 else "free"]

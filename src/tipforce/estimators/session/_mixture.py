@@ -20,6 +20,9 @@ _PROFILE = 0.5 * 1.6448536**2
 """
 _LEAST_SHARE = 1e-3
 """Nodes with a smaller share than this do not count for the constants."""
+_HELD_SHARE = 0.05
+"""Density of pushes under which a free tip would buckle, relative to smaller ones: they need a tissue that holds the
+tip. Chosen on seed 71000, on which 1, 0.1 and 0.02 were tried."""
 _NEAR_NOTHING = 0.3
 """The density of a uniform magnitude is infinite at no force: it ends at this share of a node's distance."""
 
@@ -122,9 +125,11 @@ def mixed_force(
 ) -> Mixed:
     """The force over contact and none; ``scratch.weights`` become the nodes' shares for the constants.
 
-    The prior of the force in contact is uniform in magnitude and direction. It counts once, for the force of this
-    line. For the constants the force's prior is flat: a prior that prefers small forces, counted again with every
-    frame, would draw the constants to where all forces are small.
+    The prior of the force in contact is uniform in magnitude and direction, and smaller where only a held tip carries
+    the push (`_HELD_SHARE`). It counts once, for the force of this line. For the constants the density is flat in the
+    position of the tip and in the force over the stiffness, pulls included. Any other prior, counted again with every
+    frame, would draw the constants to where its forces are: the limit to pushes alone moved forces across the tip's
+    axis by 10 to 30 mN (docs/results/session.md).
 
     Args:
         found: number of nodes.
@@ -148,7 +153,9 @@ def mixed_force(
         best = max(best, scratch.weights[i])
     total = total_flat = 0.0
     for i in range(found):
-        density = math.exp(scratch.weights[i] - best)
+        density, per_m = math.exp(scratch.weights[i] - best), scratch.node_rates[i, 0]
+        if per_m < 0.0:
+            per_m *= -_HELD_SHARE
         flat = 0.0
         for j in range(3):
             across, along = scratch.forces[i, 0] + _ACROSS[j] * scratch.across_std[i], scratch.forces[i, 1]
@@ -156,11 +163,12 @@ def mixed_force(
             size = math.hypot(x, y)
             k = 3 * i + j
             points[0, k], points[1, k], points[2, k] = x, y, size
+            if size <= largest_n:
+                flat += density * _ACROSS_SHARE[j]
             if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
-                prior = 1.0 / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
+                prior = per_m / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
                 shares[k] = density * _ACROSS_SHARE[j] * prior
                 total += shares[k]
-                flat += density * _ACROSS_SHARE[j]
         scratch.weights[i] = flat
         total_flat += flat
     evidence = -math.inf
@@ -235,28 +243,30 @@ def mixed_constants(
             continue
         q = scratch.nodes[i] if i < found else free_q
         factor = scratch.factors[i] if i < found else free_factor
-        fixed = 1 if i < found else FORCE
         for a in range(n):
             for b in range(n):
                 covariance[a, b] += share * (q[a] - mean[a]) * (q[b] - mean[b])
-        for a in range(n):
-            if a < FORCE and a >= FORCE - fixed:
-                continue
+        for a in range(FORCE, n):
             for b in range(n):
                 column[b] = 1.0 if a == b else 0.0
             solve_in(factor, column)
-            for b in range(n):
-                if not (b < FORCE and b >= FORCE - fixed):
-                    if a >= FORCE and b >= FORCE:
-                        covariance[a, b] += share * column[b]
-                    elif a == 0 and b >= FORCE:  # across the walk, turned to x and y
-                        covariance[0, b] -= s * share * column[b]
-                        covariance[b, 0] -= s * share * column[b]
-                        covariance[1, b] += c * share * column[b]
-                        covariance[b, 1] += c * share * column[b]
-                    elif a == 0 and b == 0:
-                        covariance[0, 0] += s * s * share * column[b]
-                        covariance[1, 1] += c * c * share * column[b]
-                        covariance[0, 1] -= c * s * share * column[b]
-                        covariance[1, 0] -= c * s * share * column[b]
+            for b in range(FORCE, n):
+                covariance[a, b] += share * column[b]
+        if i == found:
+            continue
+        variance = 0.0  # of the force across the walk, turned to x and y
+        for b in range(n):
+            column[b] = scratch.node_rates[i, b]
+        solve_in(factor, column)
+        for b in range(n):
+            variance += share * column[b] * scratch.node_rates[i, b]
+        for b in range(FORCE, n):
+            covariance[0, b] -= s * share * column[b]
+            covariance[b, 0] -= s * share * column[b]
+            covariance[1, b] += c * share * column[b]
+            covariance[b, 1] += c * share * column[b]
+        covariance[0, 0] += s * s * variance
+        covariance[1, 1] += c * c * variance
+        covariance[0, 1] -= c * s * variance
+        covariance[1, 0] -= c * s * variance
     return mean, covariance

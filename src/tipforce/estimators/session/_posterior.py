@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...mechanics.planar import FORCE, Line, Model, fit_line, inverse, make_work, solve_in
+from ...mechanics.planar import FORCE, Line, Model, fit_line, inverse, loaded_point_aside, make_work, solve_in
 from ...types import FloatArray, SessionInfo
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
 from ._lines import POINTS, StatedErrors
@@ -41,13 +41,17 @@ class Posterior(NamedTuple):
 
 
 class Hypotheses(NamedTuple):
-    """The fits of one line without and with a force; ``found``: number of nodes of the walk along (``c``, ``s``)."""
+    """The fits of one line without and with a force.
+
+    ``touch_n`` (2,): force of the second; ``found``: number of nodes of the walk along the chord (``c``, ``s``).
+    """
 
     free: Fit
     free_q: FloatArray
     free_factor: FloatArray
     touch: Fit
     touch_q: FloatArray
+    touch_n: FloatArray
     found: int
     step_n: float
     c: float
@@ -158,18 +162,32 @@ class LinePosterior:
         free_factor = work.factor.copy()
         if free.ok:
             self._shapes["free"] = work.theta.copy()
-        work.theta[:] = self._shapes["touch"]
+        session = self._held(session, line, touch_q, "touch")
         touch = relax(touch_q, mean, information, session, line, 0, _START_N**-2, _STEPS, scratch)
         if not touch.ok and free.ok:
             touch_q = free_q.copy()
-            work.theta[:] = self._shapes["free"]
+            session = self._held(session, line, touch_q, "free")
             touch = relax(touch_q, mean, information, session, line, 0, _START_N**-2, _STEPS, scratch)
-        found, step_n, c, s = 0, 0.01, 1.0, 0.0
+        c, s, found, step_n = session.c, session.s, 0, 0.01
+        along_n, across_n = touch_q[0], work.reaction[0]
         if touch.ok:
             self._shapes["touch"] = work.theta.copy()
-            c, s, std_n = _weak_direction(work.factor)
-            found, step_n = walk(touch_q, mean, information, session, line, c, s, std_n, scratch)
-        return Hypotheses(free, free_q, free_factor, touch, touch_q, found, step_n, c, s)
+            column = np.zeros(COUNT)
+            column[1] = 1.0
+            solve_in(work.factor, column)
+            found, step_n = walk(touch_q, mean, information, session, line, math.sqrt(column[1]), scratch)
+        touch_n = np.array([c * along_n - s * across_n, s * along_n + c * across_n])
+        return Hypotheses(free, free_q, free_factor, touch, touch_q, touch_n, found, step_n, c, s)
+
+    def _held(self, session: Session, line: Line, q: FloatArray, which: str) -> Session:
+        """Changes the force in ``q`` to that along the chord of a shape, and its tip's position across the chord."""
+        work, theta = self._scratch.rod, self._shapes[which]
+        work.theta[:] = theta
+        chord = np.array([np.cos(theta).sum(), np.sin(theta).sum()])
+        c, s = (chord / np.linalg.norm(chord)).tolist()
+        work.reaction[0] = c * q[1] - s * q[0]
+        q[0], q[1] = c * q[0] + s * q[1], loaded_point_aside(q, c, s, self._model, line, work)
+        return session._replace(c=c, s=s)
 
     def _cold_starts(self, line: Line, state: SessionState) -> tuple[FloatArray, FloatArray]:
         """Fits the rod alone, without and with a force, from the straight rod on."""
@@ -203,17 +221,3 @@ class LinePosterior:
             fits.found, fits.step_n, fits.c, fits.s, angle, fits.free, math.log(share / (1.0 - share)),
             self._settings.prior.largest_force_n, self._scratch,
         )  # fmt: skip
-
-
-def _weak_direction(factor: FloatArray) -> tuple[float, float, float]:
-    """Returns the direction in which the force is known least, and its standard deviation there.
-
-    ``factor``: of the information with the force's y before its x, see `relax`.
-    """
-    columns = np.zeros((FORCE, COUNT))
-    for k in range(FORCE):
-        columns[k, k] = 1.0
-        solve_in(factor, columns[k])
-    covariance = columns[::-1, FORCE - 1 :: -1]
-    values, vectors = np.linalg.eigh(covariance)
-    return float(vectors[0, 1]), float(vectors[1, 1]), math.sqrt(float(values[1]))

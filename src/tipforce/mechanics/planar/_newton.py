@@ -134,10 +134,22 @@ def energy_at(theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elas
 
 
 @compiled
-def _assemble(
+def assemble(
     theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elastic, load: Load, work: FloatArray
 ) -> float:
-    """Fills ``work`` (5, n) with gradient, diagonal and off-diagonal of the Hessian. Returns max |gradient|."""
+    """Computes gradient and Hessian of the energy.
+
+    Args:
+        theta: (n,) angles of the elements in rad.
+        cosine: (n,) their cosines.
+        sine: (n,) their sines.
+        rod: values of the rod.
+        load: the load.
+        work: (5, n) buffer: gradient, diagonal and off-diagonal of the Hessian are written to its first rows.
+
+    Returns:
+        The largest component of the gradient in N m.
+    """
     last = theta.size - 1
     gradient, diagonal, upper = work[0], work[1], work[2]
     previous = 0.0
@@ -165,10 +177,18 @@ def _assemble(
 
 
 @compiled
-def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
-    """Solves (H + shift I) step = -gradient; returns False where H + shift I is not positive definite.
+def newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
+    """Solves (H + shift I) step = -gradient.
 
     H = L D L' with bidiagonal L; the factors and 1 / D are left in ``work``.
+
+    Args:
+        work: (5, n) buffer of `assemble`.
+        shift: added to the diagonal, N m.
+        step: (n,) written, rad.
+
+    Returns:
+        Whether H + shift I is positive definite.
     """
     n = step.size
     gradient, diagonal, upper, factor, inverse_pivot = work[0], work[1], work[2], work[3], work[4]
@@ -216,14 +236,14 @@ def relax_in(theta: FloatArray, rod: Elastic, load: Load, tolerance: float, scra
     energy = energy_at(theta, cosine, sine, rod, load)
     iteration = 0
     while True:
-        residual = _assemble(theta, cosine, sine, rod, load, work) / rod.scale
-        stable = _newton_step(work, 0.0, step)
+        residual = assemble(theta, cosine, sine, rod, load, work) / rod.scale
+        stable = newton_step(work, 0.0, step)
         if residual <= tolerance or iteration == _MAX_ITERATIONS:
             return Solution(iteration, residual <= tolerance, stable, energy, residual)
         iteration += 1
         # The smallest possible shift: past a fold the gradient is small and the step follows the softest direction.
         shift = 1e-7 * rod.ei[0] / rod.h
-        while not stable and not _newton_step(work, shift, step):
+        while not stable and not newton_step(work, shift, step):
             shift *= 8.0
         longest = descent = 0.0
         for i in range(n):
