@@ -31,7 +31,7 @@ from tipforce.estimators.session import (
     noise_unit_m,
     rod_model,
 )  # fmt: skip
-from tipforce.estimators.session._mixture import _ACROSS, _ACROSS_SHARE, _NEAR_NOTHING
+from tipforce.estimators.session._mixture import _ACROSS, _ACROSS_SHARE, _HELD_SHARE, _NEAR_NOTHING
 from tipforce.estimators.session._state import (
     COUNT,
     GAIN,
@@ -219,17 +219,19 @@ class RankedFilter(SessionFilter):
             return float(rng.random() * (1.0 - contact))
         if fits.found == 0:
             return 1.0 - contact
-        forces, across_std, weights = (
-            each[: fits.found] for each in (self._scratch.forces, self._scratch.across_std, self._scratch.weights)
+        scratch = self._scratch
+        forces, across_std, weights, rates = (
+            each[: fits.found] for each in (scratch.forces, scratch.across_std, scratch.weights, scratch.node_rates)
         )
         across = forces[:, :1] + _ACROSS * across_std[:, None]
         along = np.broadcast_to(forces[:, 1:], across.shape)
         x, y = fits.c * along - fits.s * across, fits.s * along + fits.c * across
         size = np.hypot(x, y)
         pushes = x * math.cos(angle) + y * math.sin(angle) < 0.0
-        allowed = _ACROSS_SHARE * (pushes & (size <= self._settings.prior.largest_force_n))
-        density = weights / np.maximum(allowed.sum(axis=1), 1e-300)
-        share = (density[:, None] * allowed / np.hypot(size, _NEAR_NOTHING * fits.step_n)).ravel()
+        counted = _ACROSS_SHARE * (size <= self._settings.prior.largest_force_n)
+        per_m = np.where(rates[:, 0] > 0.0, rates[:, 0], -_HELD_SHARE * rates[:, 0])
+        density = per_m * weights / np.maximum(counted.sum(axis=1), 1e-300)
+        share = (density[:, None] * counted * pushes / np.hypot(size, _NEAR_NOTHING * fits.step_n)).ravel()
         if share.sum() == 0.0:
             return 1.0 - contact
         order = np.argsort(size, axis=None)

@@ -60,7 +60,6 @@ def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: fl
 @njit(cache=True, nogil=True)
 def _widen_by_profile(
     found: int,
-    step_n: float,
     c: float,
     s: float,
     axis_x: float,
@@ -73,9 +72,7 @@ def _widen_by_profile(
 ) -> None:
     """Widens the intervals to all forces that explain the line nearly as well as the best one (profile likelihood).
 
-    Where the shape shows nothing of a force the prior alone would decide, in favour of no contact. Where the walk ends
-    on a push that explains the line, because the rod alone would buckle under more, larger pushes are not excluded: a
-    tissue that holds the tip may carry them.
+    Where the shape shows nothing of a force the prior alone would decide, in favour of no contact.
     """
     best = free.cost if free.ok else math.inf
     for i in range(found):
@@ -84,18 +81,6 @@ def _widen_by_profile(
         low[2] = 0.0
         for a in range(2):
             low[a], high[a] = min(low[a], 0.0), max(high[a], 0.0)
-    last, last_n = -1, 0.0
-    for i in range(found):
-        across, along = scratch.forces[i, 0], scratch.forces[i, 1]
-        x, y = c * along - s * across, s * along + c * across
-        if x * axis_x + y * axis_y < 0.0 and math.hypot(x, y) > last_n:
-            last, last_n = i, math.hypot(x, y)
-    if last >= 0 and scratch.costs[last] <= best + _PROFILE and last_n + step_n < largest_n:
-        across, along = scratch.forces[last, 0], scratch.forces[last, 1]
-        x, y = (c * along - s * across) / last_n * largest_n, (s * along + c * across) / last_n * largest_n
-        low[0], high[0] = min(low[0], x), max(high[0], x)
-        low[1], high[1] = min(low[1], y), max(high[1], y)
-        high[2] = largest_n
     for i in range(found):
         left = best + _PROFILE - scratch.costs[i]
         if left < 0.0:
@@ -198,7 +183,7 @@ def mixed_force(
         order = np.argsort(points[a])
         low[a], high[a] = _quantile(points[a], order, shares, _TAIL), _quantile(points[a], order, shares, 1.0 - _TAIL)
     if contact > 0.0:
-        _widen_by_profile(found, step_n, c, s, axis_x, axis_y, free, largest_n, low, high, scratch)
+        _widen_by_profile(found, c, s, axis_x, axis_y, free, largest_n, low, high, scratch)
     return Mixed(mean, spread, contact, low, high)
 
 
