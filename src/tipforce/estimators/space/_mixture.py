@@ -64,7 +64,7 @@ def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
     points = (nodes.q[:, None, :FORCE] + offsets).reshape(-1, FORCE)
     size = np.linalg.norm(points, axis=1)
     axial = np.einsum("psk,pk->ps", points.reshape(len(nodes.q), -1, FORCE), nodes.tip_axis).ravel()
-    flat = (np.exp(nodes.log_weight - best)[:, None] * share).ravel() * ((axial < 0.0) & (size <= largest_n))
+    flat = (np.exp(nodes.log_weight - best)[:, None] * share).ravel() * (size <= largest_n)
     wide = nodes.spacing ** (1.0 / nodes.held)
     across = np.sqrt(np.einsum("pkk->p", covariance[:, :free, :free]) / free)
     near2 = np.repeat((_NEAR_NOTHING * wide) ** 2 + 0.25 * across**2, len(unit))
@@ -73,7 +73,8 @@ def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
     prior = 1.0 / (math.pi**2 * largest_n * np.sqrt((size**2 + near2) * (across2 + near2)))
     # the volume of a node, and of the Gaussian across it; the other unknowns are the same with and without a force
     volume = nodes.spacing * (2.0 * math.pi) ** (0.5 * free)
-    return _Samples(points, flat * volume, flat * volume * prior, np.repeat(np.arange(len(nodes.q)), len(unit)))
+    weight = flat * volume * prior * (axial < 0.0)
+    return _Samples(points, flat * volume, weight, np.repeat(np.arange(len(nodes.q)), len(unit)))
 
 
 def mixed_force(
@@ -81,8 +82,9 @@ def mixed_force(
 ) -> tuple[SpaceForce, list[FloatArray]]:
     """Returns the force over contact and none, and the flat shares of the nodes of each grid.
 
-    The prior of the force counts once, for the force of this instant. For the constants its prior is flat: one that
-    prefers small forces, counted again with every instant, would draw them to where all forces are small.
+    The prior of the force counts once, for the force of this instant. For the constants its prior is flat, pulls
+    included: one that prefers some forces, counted again with every instant, would draw the constants to where all
+    forces are such.
 
     Args:
         grids: fitted grids; none where nothing fits with a force.
