@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.estimators.test_session import FRAME, INFO, SCALE, image_of
 
@@ -102,7 +103,7 @@ def test_a_group_that_is_stated_takes_away_what_was_said(name: str) -> None:
     if name == "creep":  # the forces change from frame to frame, so that nothing remains of earlier ones
         assert max(said.std_n, gone_n) < 1e-3
         return
-    assert 1.0 / 1.6 < gone_n / said.std_n < 1.6
+    assert 1.0 / 1.7 < gone_n / said.std_n < 1.7
     assert limit(after, name).std_n < 0.3 * gone_n, "nothing is left to measure"
 
 
@@ -124,7 +125,7 @@ def test_all_that_can_be_measured_together_takes_away_what_was_said() -> None:
         prior, bench = prior | settings, merged_values(bench, stated)
     before, after = limits_of(), limits_of((prior, bench))
     lefts = [each.left_n for each in before.measurable]
-    assert lefts == sorted(lefts, reverse=True)
+    assert (np.diff(lefts) < 1e-12).all()
     assert after.std_n == pytest.approx(lefts[-1], rel=0.3)
 
 

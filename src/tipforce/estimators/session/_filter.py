@@ -113,7 +113,14 @@ class SessionFilter(LinePosterior):
         clear = abs(found.force.contact - contact) < _UNCLEAR and (contact == 1 or fits.free.ok)
         if found.explained and clear and self._waited_s >= settings.update_s:
             state.mean, state.covariance = mixed_constants(
-                fits.found, float(contact), fits.free_q, fits.free_factor, fits.c, fits.s, self._scratch
+                fits.found,
+                self._scratch.weights,
+                float(contact),
+                fits.free_q,
+                fits.free_factor,
+                fits.c,
+                fits.s,
+                self._scratch,
             )
             self._waited_s = 0.0
         self._fits, self.newest = fits, found
@@ -128,7 +135,10 @@ class SessionFilter(LinePosterior):
         fits = self._fits
         if fits is None or not fits.found:
             raise ValueError("no force fits the newest line")
-        return mixed_constants(fits.found, 1.0, fits.free_q, fits.free_factor, fits.c, fits.s, self._scratch)
+        scratch = self._scratch
+        return mixed_constants(
+            fits.found, scratch.shares, 1.0, fits.free_q, fits.free_factor, fits.c, fits.s, scratch
+        )  # fmt: skip
 
     def _follow(self, force: Mixed, fits: Hypotheses, elapsed_s: float) -> None:
         """Keeps the start of the next frame: force, contact, and the bend that the shaft has crept under."""

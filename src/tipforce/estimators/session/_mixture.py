@@ -108,7 +108,7 @@ def mixed_force(
     largest_n: float,
     scratch: Scratch,
 ) -> Mixed:
-    """The force over contact and none; ``scratch.weights`` become the nodes' shares for the constants.
+    """The force over contact and none; ``weights`` and ``shares`` of ``scratch`` become the nodes' shares.
 
     The prior of the force in contact is uniform in magnitude and direction, and smaller where only a held tip carries
     the push (`_HELD_SHARE`). It counts once, for the force of this line. For the constants the density is flat in the
@@ -141,7 +141,7 @@ def mixed_force(
         density, per_m = math.exp(scratch.weights[i] - best), scratch.node_rates[i, 0]
         if per_m < 0.0:
             per_m *= -_HELD_SHARE
-        flat = 0.0
+        flat = own = 0.0
         for j in range(3):
             across, along = scratch.forces[i, 0] + _ACROSS[j] * scratch.across_std[i], scratch.forces[i, 1]
             x, y = c * along - s * across, s * along + c * across
@@ -153,9 +153,10 @@ def mixed_force(
             if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
                 prior = per_m / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
                 shares[k] = density * _ACROSS_SHARE[j] * prior
-                total += shares[k]
-        scratch.weights[i] = flat
+                own += shares[k]
+        scratch.weights[i], scratch.shares[i] = flat, own
         total_flat += flat
+        total += own
     evidence = -math.inf
     if total > 0.0:
         evidence = math.log(total * step_n * math.sqrt(2.0 * math.pi)) + best
@@ -169,6 +170,7 @@ def mixed_force(
         shares[k] *= contact / total if total > 0.0 else 0.0
     for i in range(found):
         scratch.weights[i] /= total_flat if total_flat > 0.0 else 1.0
+        scratch.shares[i] /= total if total > 0.0 else 1.0
     shares[count] = 1.0 - contact
     mean, spread = np.zeros(2), np.zeros((2, 2))
     for k in range(count):
@@ -189,18 +191,26 @@ def mixed_force(
 
 @njit(cache=True, nogil=True)
 def mixed_constants(
-    found: int, contact: float, free_q: FloatArray, free_factor: FloatArray, c: float, s: float, scratch: Scratch
+    found: int,
+    weights: FloatArray,
+    contact: float,
+    free_q: FloatArray,
+    free_factor: FloatArray,
+    c: float,
+    s: float,
+    scratch: Scratch,
 ) -> tuple[FloatArray, FloatArray]:
     """Computes the moments of all unknowns over the nodes and no contact.
 
     Args:
         found: number of nodes.
+        weights: (NODES,) shares of the nodes: ``weights`` or ``shares`` of ``scratch``.
         contact: probability of contact.
         free_q: (unknowns,) fit without a force.
         free_factor: (unknowns, unknowns) Cholesky factor of its information.
         c: cosine of the direction of the walk.
         s: its sine.
-        scratch: the nodes, with the shares from `mixed_force`.
+        scratch: the nodes.
 
     Returns:
         Mean (unknowns,) and covariance (unknowns, unknowns).
@@ -209,7 +219,7 @@ def mixed_constants(
     shares = np.zeros(NODES + 1)
     total = 0.0
     for i in range(found):
-        share = contact * scratch.weights[i]
+        share = contact * weights[i]
         shares[i] = share if share > _LEAST_SHARE * contact else 0.0
         total += shares[i]
     shares[found] = 1.0 - contact if contact < 1.0 - 1e-6 else 0.0

@@ -94,6 +94,8 @@ class Scratch(NamedTuple):
     rates: FloatArray
     """(unknowns,): derivatives of the force across, in the order of the system."""
     node_rates: FloatArray
+    shares: FloatArray
+    """(NODES,): shares of the nodes in the force of the line; ``weights`` are those for the constants."""
 
 
 def make_scratch(rod: Work, unknowns: int) -> Scratch:
@@ -110,7 +112,7 @@ def make_scratch(rod: Work, unknowns: int) -> Scratch:
     return Scratch(
         rod, np.zeros(unknowns), np.zeros(n), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
         np.zeros((NODES, 2)), np.zeros((NODES, unknowns)), np.zeros((NODES, unknowns, unknowns)), np.zeros(NODES),
-        np.zeros(NODES), np.zeros(NODES), np.zeros(unknowns), np.zeros((NODES, unknowns)),
+        np.zeros(NODES), np.zeros(NODES), np.zeros(unknowns), np.zeros((NODES, unknowns)), np.zeros(NODES),
     )  # fmt: skip
 
 
