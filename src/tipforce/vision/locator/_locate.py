@@ -22,16 +22,8 @@ from ._prompts import NOMINAL_LENGTH_PX, Prompts
 from ._reading import MIN_SPREAD_DIAMETERS, SAMPLES, Hint, Known, Reading, of_length, read_strip
 from ._strip import ACROSS, ALONG, HALF_WIDTH
 
-PYRAMID_SIDES_PX, FINE_SIDE_PX = (192, 320, 512), 768
-"""Where no length is known the image is read with its longer side of these lengths in px; of the last one only where no
-reading was confirmed and the image is not much smaller."""
-MAX_FINE_MAGNIFICATION = 1.5
-CONFIRMED_SCORE = 0.5
-"""Product of the surenesses of both readings, at a side of the pyramid and at the length that was found there, from
-which a line is confirmed."""
-CONFIRMED_SHARE, UNCONFIRMED_WEIGHT = 0.12, 0.3
-"""Both readings find the same ends within this share of the length; where they do not, the product counts less. Sides
-and weight were chosen on composed scenes: docs/results/locator.md."""
+PYRAMID_SIDES_PX = (192, 320, 512)
+"""Where no length is known the image is read with its longer side of these lengths in px."""
 MAX_SIDE_PX = 960
 """The network's image is at most this large: a catheter that is shorter there is not found."""
 MAX_MAGNIFICATION = 3.0
@@ -128,32 +120,18 @@ def as_colour(image: Image) -> npt.NDArray[np.uint8]:
 def read_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | None = None) -> RoughPoints:
     """Returns the rough points in px of ``image`` (h, w, 3); at several sizes where no length is stated.
 
-    Where the length is not stated, each reading is repeated at the size at which the line that it found has the length
-    that the network knows best. The reading counts whose repetition confirms it: at a coarse size a tube with the
-    catheter in it may look like one catheter.
+    The reading counts whose points are surest. Where the length is not stated, the image is read again at the size at
+    which the line that was found has the length that the network knows best.
     """
     longer = max(image.shape[:2])
-    largest = min(MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
     if prompts.length_px is not None:
-        return _read_at(image, prompts, min(NOMINAL_LENGTH_PX / prompts.length_px, largest), network)
-    fine = [(FINE_SIDE_PX,)] if MAX_FINE_MAGNIFICATION * longer >= FINE_SIDE_PX else []
-    best, score = None, 0.0
-    for sides in (PYRAMID_SIDES_PX, *fine):
-        if score >= CONFIRMED_SCORE:
-            break
-        reads = [_read_at(image, prompts, min(side / longer, MAX_MAGNIFICATION), network) for side in sides]
-        for read in sorted(reads, key=sureness, reverse=True):
-            if best is not None and sureness(read) <= score:  # no repetition is surer than 1
-                break
-            length = float(arc_length(rough_line(read))[-1])
-            again = _read_at(image, prompts, min(NOMINAL_LENGTH_PX / max(length, 1.0), largest), network)
-            product = sureness(read) * sureness(again)
-            apart = np.linalg.norm(read.points[[0, -1]] - again.points[[0, -1]], axis=1)
-            product *= 1.0 if apart.max() < CONFIRMED_SHARE * length else UNCONFIRMED_WEIGHT
-            if best is None or product > score:
-                best, score = max(read, again, key=sureness), product
-    assert best is not None
-    return best
+        scale = min(NOMINAL_LENGTH_PX / prompts.length_px, MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
+        return _read_at(image, prompts, scale, network)
+    sides = [side for side in PYRAMID_SIDES_PX if side <= MAX_MAGNIFICATION * longer] or PYRAMID_SIDES_PX[:1]
+    best = max((_read_at(image, prompts, side / longer, network) for side in sides), key=sureness)
+    length = float(arc_length(rough_line(best))[-1])
+    scale = min(NOMINAL_LENGTH_PX / max(length, 1.0), MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
+    return max(best, _read_at(image, prompts, scale, network), key=sureness)
 
 
 def sureness(read: RoughPoints) -> float:
@@ -175,9 +153,7 @@ def rough_line(read: RoughPoints) -> FloatArray:
     basis = legendre.legvander(np.linspace(-1.0, 1.0, POINTS), _DEGREE)
     heavy = np.maximum(read.mass, _MIN_MASS)
     ridge = _RIDGE * np.diag(np.arange(_DEGREE + 1.0) ** 4) * heavy.mean()
-    # most points are a step apart: a few that are far away do not change the size
-    steps = np.linalg.norm(np.diff(read.points, axis=0), axis=1)
-    size = (POINTS - 1) * float(np.median(steps)) / NOMINAL_LENGTH_PX
+    size = float(np.ptp(read.points, axis=0).max()) / NOMINAL_LENGTH_PX
     weight, found = heavy, np.zeros((_DEGREE + 1, 2))
     for _ in range(3):
         found = np.linalg.solve(basis.T @ (weight[:, None] * basis) + ridge, basis.T @ (weight[:, None] * read.points))

@@ -22,11 +22,6 @@ OUTSIDE = 0
 """State of a point outside the image; the others are hidden and seen."""
 OTHER_BASE_CELLS = 4
 """Another base is at least this number of cells away."""
-PEAKS, PEAK_CELLS, MIN_PEAK_MASS = 4, 5, 1e-3
-"""Number of peaks of a heat map that are compared, side of the cells around a peak that are lower, and least mass."""
-USUAL_STEP_PX, EXCESS_STEP_PX, MAX_STEP_PENALTY = 16.0, 4.0, 30.0
-"""Longest usual step from a point to the next one, px of the network's image; one that is longer by the second is less
-likely by a factor of e, and at most by e to the third."""
 _MULTIPLE_PX = 32
 """The sides of the network's image are multiples of this."""
 DETECTOR_GRAPHS = ("detector.onnx", "line.onnx")
@@ -120,16 +115,14 @@ def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path |
         all_of_it = max(float(shares[0].sum()), 1e-12)
         shares[0] *= _cells_in(prompts.region, *shares[0].shape)
         in_region = float(shares[0].sum()) / all_of_it
-    points, mass = _course(*_peaks(shares, PEAKS))
+    points, mass = _peaks(shares)
     base = shares[:1].copy()
     column, row = np.rint((points[0] + 0.5) / STRIDE - 0.5).astype(int)
     reach = OTHER_BASE_CELLS
     base[0, max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1] = 0.0
-    other, other_mass = _peaks(base, 1)
+    other, other_mass = _peaks(base)
     likely = softmax(states[0].astype(np.float64), axis=1)
-    return RoughPoints(
-        points, mass, likely, float(expit(float(present[0]))), other[0, 0], float(other_mass[0, 0]), in_region
-    )
+    return RoughPoints(points, mass, likely, float(expit(float(present[0]))), other[0], float(other_mass[0]), in_region)
 
 
 def _cells_in(region: Box, rows: int, columns: int) -> npt.NDArray[np.bool_]:
@@ -146,61 +139,19 @@ def _shares(logits: FloatArray) -> FloatArray:
     return weights / (weights.sum(axis=(1, 2), keepdims=True) + np.exp(-top))
 
 
-def _peaks(shares: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Returns the highest peaks of each of ``shares`` (k, h, w), the highest first.
-
-    Returns:
-        (k, count, 2) u, v in px of the network's image, and (k, count) their masses; 0 where there are fewer peaks.
-    """
-    maps, height, width = shares.shape
-    points, mass = np.zeros((maps, count, 2)), np.zeros((maps, count))
-    for k, cells in enumerate(shares):
-        if count == 1:
-            highest = [int(cells.argmax())]
-        else:
-            is_peak = cells >= cv2.dilate(cells, np.ones((PEAK_CELLS, PEAK_CELLS)))
-            heights = np.where(is_peak, cells, 0.0).ravel()
-            highest = np.argpartition(heights, -count)[-count:]
-            highest = highest[np.argsort(-heights[highest])].tolist()
-        for rank, flat in enumerate(highest):
-            row, column = divmod(flat, width)
-            if rank and cells[row, column] <= 0.0:
-                break
-            rows = np.arange(max(row - 1, 0), min(row + 2, height))
-            columns = np.arange(max(column - 1, 0), min(column + 2, width))
-            near = cells[np.ix_(rows, columns)]
-            mass[k, rank] = near.sum()
-            inside = max(mass[k, rank], 1e-12)
-            points[k, rank] = (near.sum(axis=0) @ columns / inside, near.sum(axis=1) @ rows / inside)
+def _peaks(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns the points (k, 2) in px of the network's image and their masses (k,) from ``shares`` (k, h, w)."""
+    count, height, width = shares.shape
+    points, mass = np.empty((count, 2)), np.empty(count)
+    for k, flat in enumerate(shares.reshape(count, -1).argmax(axis=1).tolist()):
+        row, column = divmod(flat, width)
+        rows = np.arange(max(row - 1, 0), min(row + 2, height))
+        columns = np.arange(max(column - 1, 0), min(column + 2, width))
+        near = shares[k][np.ix_(rows, columns)]
+        mass[k] = near.sum()
+        inside = max(mass[k], 1e-12)
+        points[k] = (near.sum(axis=0) @ columns / inside, near.sum(axis=1) @ rows / inside)
     return (points + 0.5) * STRIDE - 0.5, mass
-
-
-def _course(peaks: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns one peak for each point such that they are a course: neighbours are near each other (Viterbi).
-
-    Where two objects look alike the highest peaks of single points may be on either of them.
-
-    Args:
-        peaks: (`POINTS`, c, 2) u, v px of the network's image.
-        mass: (`POINTS`, c) their masses.
-
-    Returns:
-        (`POINTS`, 2) and (`POINTS`,): the chosen peaks and their masses.
-    """
-    likely = np.log(np.maximum(mass, MIN_PEAK_MASS))
-    likely[:, 1:][mass[:, 1:] <= 0.0] = -np.inf
-    best, chosen = likely[0], np.zeros(mass.shape, np.int64)
-    for k in range(1, len(mass)):
-        step = np.linalg.norm(peaks[k][:, None] - peaks[k - 1], axis=2)
-        unlikely = np.minimum(np.maximum(step - USUAL_STEP_PX, 0.0) / EXCESS_STEP_PX, MAX_STEP_PENALTY)
-        total = best - unlikely
-        chosen[k] = total.argmax(axis=1)
-        best = likely[k] + total.max(axis=1)
-    at = [int(best.argmax())]
-    for k in range(len(mass) - 1, 0, -1):
-        at.append(int(chosen[k, at[-1]]))
-    order = np.arange(len(mass)), np.array(at[::-1])
-    return peaks[order], mass[order]
 
 
 def refine(strip: Strip, network: Path | None = None) -> Offsets:

@@ -18,7 +18,6 @@ from ...geometry import arc_length
 from ...types import Box, FloatArray, Image
 from .._clamp import INWARD
 from ._locate import GUESSED_ASPECT, MIN_DIAMETER_PX, Located, as_colour, locate, read_points, rough_line, sureness
-from ._networks import RoughPoints
 from ._prompts import Prompts
 from ._reading import Known
 
@@ -41,8 +40,6 @@ MAX_LENGTH_SIGMAS = 3.0
 """A length that is further from the stated one is kept as it is."""
 ONE_LENGTH_STD_SHARE, MIN_LENGTH_STD_SHARE = 0.03, 0.004
 """Standard error of a length from one line, and the least one."""
-UNSEEN_LENGTH_STD_SHARE = 0.25
-"""Standard error of a length that is not stated where no image shows the tip: it is only where the lines end."""
 MIN_LENGTH_RATIO, MAX_LENGTH_RATIO = 0.8, 1.15
 """An object of another length than these shares of the stated one is not the catheter; its root may be hidden."""
 MAX_LENGTH_CHANGE_SHARE = 0.25
@@ -95,9 +92,9 @@ def session_constants(
     Raises:
         InputError: no catheter is found, two objects could be it, or the object that is found does not move.
     """
-    sized, reads = prompts, list[RoughPoints]()
+    sized = prompts
     if prompts.length_px is None or prompts.diameter_px is None:
-        sized, reads = _measured_size(frames, prompts, network)
+        sized = replace(prompts, **_measured_size(frames, prompts, network))
     assert sized.length_px is not None
     assert sized.diameter_px is not None
     stated = (
@@ -110,7 +107,7 @@ def session_constants(
     if prompts.base_px is not None:
         bases = [prompts.base_px]
     else:
-        bases = _likely_bases(found, reads, sized.diameter_px, prompts.border)
+        bases = _likely_bases(found, sized.diameter_px, prompts.border)
     tried = [
         [locate(frame, replace(sized, base_px=base), POINTS, stated, network) for frame in frames] for base in bases
     ]
@@ -164,13 +161,8 @@ def _nothing(lines: Sequence[Located | None], count: int) -> str:
     return f"no catheter was found: one is visible in {count} of {len(lines)} images (probability {likely:.0%} at most)"
 
 
-def _measured_size(
-    frames: Sequence[Image], prompts: Prompts, network: Path | None
-) -> tuple[Prompts, list[RoughPoints]]:
-    """Returns ``prompts`` with the length and the diameter that are not stated, and the readings of the surest images.
-
-    Both are measured in the surest half of the images.
-    """
+def _measured_size(frames: Sequence[Image], prompts: Prompts, network: Path | None) -> dict[str, float]:
+    """Returns the length and the diameter, px, that are not stated, from the surest half of the images."""
     reads = [(read_points(as_colour(frame), prompts, network), frame) for frame in frames]
     reads.sort(key=lambda pair: -sureness(pair[0]))
     surest = reads[: (len(reads) + 1) // 2]
@@ -181,7 +173,7 @@ def _measured_size(
         lines = [locate(frame, replace(prompts, length_px=length), POINTS, None, network) for _, frame in surest]
         diameters = [line.diameter_px for line in lines if line is not None]
         diameter = statistics.median(diameters) if diameters else max(length / GUESSED_ASPECT, MIN_DIAMETER_PX)
-    return replace(prompts, length_px=length, diameter_px=diameter), [read for read, _ in surest]
+    return {"length_px": length, "diameter_px": diameter}
 
 
 def _chosen(
@@ -238,26 +230,16 @@ def _length_off(lines: Sequence[Located], stated: Known | None) -> float:
     return -length if stated is None else abs(length - stated.length_px)
 
 
-def _likely_bases(
-    found: Sequence[Located], reads: Sequence[RoughPoints], diameter_px: float, border: str | None
-) -> list[FloatArray]:
+def _likely_bases(found: Sequence[Located], diameter_px: float, border: str | None) -> list[FloatArray]:
     """Returns the base (2,) where most lines begin, and a second one where enough of them begin elsewhere.
 
     Lines that point toward the stated ``border`` do not count, unless all do.
-
-    Args:
-        found: lines at the size at which the catheter's length was measured.
-        reads: rough points at the sizes at which the network was surest of them; none where the size is stated.
-        diameter_px: diameter of the shaft.
-        border: the border that the catheter comes from, where it is stated.
     """
     if border is not None:
         inward = _inward_rad(border)
         found = [line for line in found if _points_inward(line, inward)] or found
     begins = np.array([line.points[0] for line in found] + [line.other_base_px for line in found])
-    begins = np.vstack([begins, *(read.points[:1] for read in reads)])
     weight = np.array([line.sureness for line in found] + [line.other_base_mass for line in found])
-    weight = np.concatenate([weight, [sureness(read) for read in reads]])
     limit = max(MAX_BASE_DIAMETERS * diameter_px, MAX_BASE_PX)
     near = np.linalg.norm(begins[:, None] - begins, axis=2) < limit
     votes = near @ weight
@@ -281,8 +263,7 @@ def _length(lines: Sequence[Located], base_px: FloatArray, stated: Known | None)
     if not seen:
         if stated is not None:
             return stated.length_px, stated.length_std_px
-        length = statistics.median(line.length_px for line in lines)
-        return length, UNSEEN_LENGTH_STD_SHARE * length
+        seen = sorted(lines, key=lambda line: -line.tip_peak)[: (len(lines) + 1) // 2]
     lengths = []
     for line in seen:
         arc = arc_length(line.points)
