@@ -14,7 +14,7 @@ from ._mixture import Mixed, mixed_force
 from ._noise_level import noisier
 from ._settings import RodSettings
 from ._state import COUNT, K0, ROD, SessionState, X, fill_camera_modes, line_modes
-from ._walk import Fit, Session, make_scratch, relax, walk
+from ._walk import ALONG, Fit, Session, make_scratch, relax, walk
 
 _START_N = 0.3
 """Standard deviation of each component of the force in the fit from which the walk starts."""
@@ -173,9 +173,9 @@ class LinePosterior:
         if touch.ok:
             self._shapes["touch"] = work.theta.copy()
             column = np.zeros(COUNT)
-            column[1] = 1.0
+            column[ALONG] = 1.0
             solve_in(work.factor, column)
-            found, step_n = walk(touch_q, mean, information, session, line, math.sqrt(column[1]), scratch)
+            found, step_n = walk(touch_q, mean, information, session, line, math.sqrt(column[ALONG]), scratch)
         touch_n = np.array([c * along_n - s * across_n, s * along_n + c * across_n])
         return Hypotheses(free, free_q, free_factor, touch, touch_q, touch_n, found, step_n, c, s)
 

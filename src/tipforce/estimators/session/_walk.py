@@ -45,7 +45,7 @@ _GAP = 0.05
 _NODE_STEPS, _TRIES = 3, 60
 _MAX_DAMPING = 1e6
 _MAX_TURN_RAD = 1.0
-_L, _A = 0, 1
+_ACROSS, ALONG = 0, 1
 """Places of the position across and of the force along in the system; in the unknowns the force is first."""
 
 
@@ -206,13 +206,13 @@ def predict_held(q: FloatArray, session: Session, line: Line, scratch: Scratch) 
     bend = known[_K0]
     for k in range(count):
         rates[k] = known[k] if FORCE <= k < _SHAPE else 0.0
-    rates[_L], rates[_A], rates[_CREEP] = known[1], known[0], known[_SHAPE]
+    rates[_ACROSS], rates[ALONG], rates[_CREEP] = known[1], known[0], known[_SHAPE]
     gain = session.gain_per_m_deg
     rates[count - 3], rates[count - 2] = gain * session.knob_deg * bend, gain * bend
     rates[count - 1] = session.lever_per_m_n * size * bend
     if size > 1e-6:
         share = lever * q[0] / size
-        rates[_A] += share * bend
+        rates[ALONG] += share * bend
         for row in range(work.residual.size):
             work.slopes[row, 0] += share * work.slopes[row, _K0]
     return True
@@ -236,7 +236,7 @@ def _assemble(
     loss = plain = 0.0
     white, matrix, side = work.white, work.matrix, work.side
     for row in range(rows):
-        work.slopes[row, _L], work.slopes[row, _A] = work.slopes[row, 1], work.slopes[row, 0]
+        work.slopes[row, _ACROSS], work.slopes[row, ALONG] = work.slopes[row, 1], work.slopes[row, 0]
     for i in range(rows):
         value = 0.0
         for j in range(i + 1):
@@ -288,8 +288,8 @@ def _assemble(
 @njit(cache=True, nogil=True)
 def _add_step(q: FloatArray, step: FloatArray, share: float) -> None:
     """Adds ``share`` of ``step``, in the order of the system, to ``q``."""
-    q[0] += share * step[_A]
-    q[1] += share * step[_L]
+    q[0] += share * step[ALONG]
+    q[1] += share * step[_ACROSS]
     for k in range(FORCE, q.size):
         q[k] += share * step[k]
 
@@ -355,8 +355,8 @@ def relax(
                 q[k] = trial[k]
             best, chi2, accepted = cost, plain, True
             if fixed == 0:
-                work.matrix[_A, _A] += force_information
-                work.side[_A] -= force_information * q[0]
+                work.matrix[ALONG, ALONG] += force_information
+                work.side[ALONG] -= force_information * q[0]
             damping = 0.0 if damping < 1e-3 else 0.2 * damping
             taken += 1
             if small or taken > most:
@@ -374,8 +374,8 @@ def relax(
                 break
             _assemble(q, mean, information, session, fixed, scratch)
             if fixed == 0:
-                work.matrix[_A, _A] += force_information
-                work.side[_A] -= force_information * q[0]
+                work.matrix[ALONG, ALONG] += force_information
+                work.side[ALONG] -= force_information * q[0]
         log_det = factorise(work.matrix, damping, work.factor)
         if math.isnan(log_det):
             damping = max(1e-3, 4.0 * damping)
@@ -434,14 +434,14 @@ def _node(
     rates, reaction_n = scratch.node_rates[place], work.reaction[0]
     for k in range(count):
         reaction_n += scratch.rates[k] * work.step[k]
-        rates[k] = scratch.rates[k] if k != _A else 0.0
+        rates[k] = scratch.rates[k] if k != ALONG else 0.0
         scratch.nodes[place, k] = q[k]
         for j in range(count):
             scratch.factors[place, k, j] = work.factor[k, j]
         scratch.tangent[k] = -scratch.tangent[k]
-    scratch.tangent[_A] = 0.0
+    scratch.tangent[ALONG] = 0.0
     solve_in(work.factor, scratch.tangent)
-    scratch.tangent[_A] = 1.0
+    scratch.tangent[ALONG] = 1.0
     variance = 0.0
     for k in range(count):
         work.step[k] = rates[k]
