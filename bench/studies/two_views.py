@@ -38,6 +38,7 @@ from torch import nn
 from torch.nn.functional import binary_cross_entropy_with_logits, interpolate
 
 from tipforce.cli._settings import settings_from
+from tipforce.clinical import CONTACT_N
 from tipforce.datasets import Dataset, open_dataset, random_split
 from tipforce.estimators import Estimator, NetworkEstimator, Stereo, StereoSettings
 from tipforce.estimators.networks._preparation import Arrays, training_samples
@@ -47,7 +48,7 @@ from tipforce.training import CHECKPOINT_FILE, COMPACT_UNIT_N, StereoTask, netwo
 from tipforce.types import Image, IntArray, Observation
 
 COMPONENTS, SVR_C, SVR_EPSILON = 40, 10.0, 0.05
-CONTACT_N, WRONG_N = 0.01, 0.05
+WRONG_N = 0.05
 LEAKING_SHARE = 0.125
 MASK_BATCH = 50
 NEW, RANDOM = "new sessions", "random, leaks"

@@ -21,7 +21,7 @@ def held_at(force: tuple[float, float], c: float, s: float) -> tuple[np.ndarray,
     assert predict_line(dead, MODEL, LINE, NONE, work, True) == (True, True)
     nodes = work.nodes.copy()
     held = dead.copy()
-    held[:2] = c * force[0] + s * force[1], loaded_point_aside(dead, c, s, MODEL, LINE, work)
+    held[:2] = c * force[0] + s * force[1], loaded_point_aside(dead, c, s, MODEL, work)
     work.theta[:] += 0.05 * np.sin(np.arange(len(work.theta)))
     assert predict_held_line(held, 0.0, c, s, MODEL, LINE, NONE, work)
     assert np.abs(work.nodes - nodes).max() < 1e-9
@@ -42,7 +42,7 @@ def test_slopes_are_the_derivatives_below_and_beyond_buckling(along_n: float, le
     line = LINE._replace(crept_per_m=CREPT)
     at = prior(5.3)[0] + 0.3 * STD
     predict_line(at, MODEL, line, NONE, work, True)
-    at[1] = loaded_point_aside(at, c, s, MODEL, line, work)
+    at[1] = loaded_point_aside(at, c, s, MODEL, work)
     for share in np.linspace(0.0, 1.0, 8):
         at[0] = share * along_n
         assert predict_held_line(at, lever, c, s, MODEL, line, NONE, work)

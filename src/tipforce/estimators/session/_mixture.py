@@ -114,7 +114,7 @@ def mixed_force(
     the push (`_HELD_SHARE`). It counts once, for the force of this line. For the constants the density is flat in the
     position of the tip and in the force over the stiffness, pulls included. Any other prior, counted again with every
     frame, would draw the constants to where its forces are: the limit to pushes alone moved forces across the tip's
-    axis by 10 to 30 mN (docs/results/session.md).
+    axis by 5 to 50 mN in a session (docs/results/session.md).
 
     Args:
         found: number of nodes.

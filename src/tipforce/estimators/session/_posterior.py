@@ -162,11 +162,11 @@ class LinePosterior:
         free_factor = work.factor.copy()
         if free.ok:
             self._shapes["free"] = work.theta.copy()
-        session = self._held(session, line, touch_q, "touch")
+        session = self._held(session, touch_q, "touch")
         touch = relax(touch_q, mean, information, session, line, 0, _START_N**-2, _STEPS, scratch)
         if not touch.ok and free.ok:
             touch_q = free_q.copy()
-            session = self._held(session, line, touch_q, "free")
+            session = self._held(session, touch_q, "free")
             touch = relax(touch_q, mean, information, session, line, 0, _START_N**-2, _STEPS, scratch)
         c, s, found, step_n = session.c, session.s, 0, 0.01
         along_n, across_n = touch_q[0], work.reaction[0]
@@ -179,14 +179,14 @@ class LinePosterior:
         touch_n = np.array([c * along_n - s * across_n, s * along_n + c * across_n])
         return Hypotheses(free, free_q, free_factor, touch, touch_q, touch_n, found, step_n, c, s)
 
-    def _held(self, session: Session, line: Line, q: FloatArray, which: str) -> Session:
+    def _held(self, session: Session, q: FloatArray, which: str) -> Session:
         """Changes the force in ``q`` to that along the chord of a shape, and its tip's position across the chord."""
         work, theta = self._scratch.rod, self._shapes[which]
         work.theta[:] = theta
         chord = np.array([np.cos(theta).sum(), np.sin(theta).sum()])
         c, s = (chord / np.linalg.norm(chord)).tolist()
         work.reaction[0] = c * q[1] - s * q[0]
-        q[0], q[1] = c * q[0] + s * q[1], loaded_point_aside(q, c, s, self._model, line, work)
+        q[0], q[1] = c * q[0] + s * q[1], loaded_point_aside(q, c, s, self._model, work)
         return session._replace(c=c, s=s)
 
     def _cold_starts(self, line: Line, state: SessionState) -> tuple[FloatArray, FloatArray]:

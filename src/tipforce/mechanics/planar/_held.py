@@ -56,18 +56,19 @@ class Held(NamedTuple):
 
 
 @compiled
-def aside(theta: FloatArray, rod: Elastic, c: float, s: float) -> float:
+def aside(theta: FloatArray, h: float, lever: float, c: float, s: float) -> float:
     """Returns the position in m of the loaded point to the left of the direction.
 
     Args:
         theta: (n,) angles of the elements in rad.
-        rod: values of the rod.
+        h: length of a segment, m.
+        lever: distance of the loaded point beyond the shaft, m.
         c: cosine of the direction.
         s: its sine.
     """
     last, x, y = theta.size - 1, 0.0, 0.0
     for i in range(last + 1):
-        reach = rod.h if i < last else rod.lever
+        reach = h if i < last else lever
         x += reach * math.cos(theta[i])
         y += reach * math.sin(theta[i])
     return c * y - s * x
@@ -105,8 +106,8 @@ def hold_in(
     last = n - 1
     work, step, cosine, sine = scratch[:5], scratch[6], scratch[COSINE], scratch[SINE]
     c, s, length = hold.c, hold.s, rod.h * last
-    give = 0.0
-    for iteration in range(_MAX_ITERATIONS + 1):
+    iteration = 0
+    while True:
         size = math.hypot(hold.along_n, across_n)
         for i in range(n):
             rod.k0[i] = k0[i] + hold.lever_per_m_n * size
@@ -156,4 +157,4 @@ def hold_in(
         for i in range(n):
             theta[i] += scale * step[i]
         across_n += scale * change_n
-    return Held(False, False, across_n, give)
+        iteration += 1

@@ -472,15 +472,15 @@ def predict_held_line(
 
 
 @compiled
-def loaded_point_aside(q: FloatArray, c: float, s: float, model: Model, line: Line, work: Work) -> float:
+def loaded_point_aside(q: FloatArray, c: float, s: float, model: Model, work: Work) -> float:
     """Returns where the loaded point of the shape in ``work`` is, in m to the left of the direction (c, s).
 
     Args:
-        q: (unknowns,) values of `UNKNOWNS`; only the rod's count.
+        q: (unknowns,) values of `UNKNOWNS`; only the length counts.
         c: cosine of the direction in the frame of the clamp.
         s: its sine.
         model: the rod.
-        line: the detected line.
         work: buffers with the shape.
     """
-    return aside(work.theta, _rod_at(q, model, line, work), c, s)
+    h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
+    return aside(work.theta, h, model.rigid_m - model.dome_m, c, s)
