@@ -21,7 +21,7 @@ from tipforce.estimators.session import (
     noise_unit_m,
     rod_model,
 )
-from tipforce.estimators.session._mixture import _widen_by_profile
+from tipforce.estimators.session._mixture import NO_EVIDENCE, _widen_by_profile
 from tipforce.estimators.session._noise_level import NoiseLevel
 from tipforce.estimators.session._state import (
     GAIN,
@@ -303,7 +303,7 @@ def test_the_interval_holds_forces_beside_the_walk_that_explain_the_line_as_well
     scratch.forces[0], scratch.across_std[0], scratch.costs[0] = (0.05, 0.01), 0.004, 3.0
     scratch.forces[1], scratch.across_std[1], scratch.costs[1] = (0.05, 0.05), 0.004, 9.0
     low, high = np.full(3, 0.05), np.full(3, 0.05)
-    _widen_by_profile(2, -1.0, 0.0, 1.0, 0.0, NOTHING, 0.8, low, high, scratch)
+    _widen_by_profile(2, -1.0, 0.0, 1.0, 0.0, NOTHING, 0.8, NO_EVIDENCE, low, high, scratch)
     reach = 1.645 * 0.004
     assert low[2] == pytest.approx(math.hypot(0.05 - reach, 0.01), abs=1e-5)
     assert high[2] == pytest.approx(math.hypot(0.05 + reach, 0.01), abs=1e-5)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...mechanics.planar import Line, Model
 from ...types import FloatArray, SessionInfo
+from ...vision.contact import ContactReading
 from ._knowledge import Knowledge
 from ._lines import StatedErrors
 from ._mixture import Mixed, mixed_constants
@@ -67,6 +68,7 @@ class SessionFilter(LinePosterior):
         elapsed_s: float,
         advance_m: float = 0.0,
         stated: StatedErrors | None = None,
+        reading: ContactReading | None = None,
     ) -> Posterior:
         """Returns the force from ``line``.
 
@@ -77,6 +79,7 @@ class SessionFilter(LinePosterior):
             elapsed_s: time since the previous line.
             advance_m: advance of the clamp, with which the line's frame goes.
             stated: vision's statements about the line.
+            reading: the geometry of the contact, where a network has read it.
 
         Returns:
             The force, and whether the rod explains the line.
@@ -101,7 +104,7 @@ class SessionFilter(LinePosterior):
         self._fill_noise(line, stated)
         line = line._replace(crept_per_m=self._crept_per_m)
         fits = self._fit(line, state, self._last_n)
-        found = self._result(fits, self._force(fits, share))
+        found = self._result(fits, self._force(fits, share, reading))
         if found.explained:
             self._lost_s = 0.0
             self._follow(found.force, fits, elapsed_s)
@@ -123,6 +126,9 @@ class SessionFilter(LinePosterior):
                 self._scratch,
             )
             self._waited_s = 0.0
+            if reading is not None and contact == 1:
+                forces = np.hypot(*self._scratch.forces[: fits.found].T)
+                self.tissue.learn(reading, forces, self._scratch.by_line[: fits.found])
         self._fits, self.newest = fits, found
         return found
 

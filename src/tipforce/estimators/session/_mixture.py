@@ -40,6 +40,51 @@ class Mixed(NamedTuple):
     high_n: FloatArray
 
 
+class Evidence(NamedTuple):
+    """Knowledge of the force beside the line.
+
+    ``log_odds``: logarithm of the Bayes factor of contact; (``towards_x``, ``towards_y``): direction of the force;
+    ``strength``: concentration of its von Mises distribution; ``log_unit``: logarithm of this distribution's density
+    over that of an even one, in the direction itself; ``density`` (k,): of the depth, at even forces from 0 to the
+    largest, over its mean; ``doubt``: probability that nothing of this holds.
+    """
+
+    log_odds: float
+    towards_x: float
+    towards_y: float
+    strength: float
+    log_unit: float
+    density: FloatArray
+    doubt: float
+    teaches: float
+
+
+NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, 0.0, 0.0, np.ones(2), 1.0, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _agreement(x: float, y: float, size: float, largest_n: float, evidence: Evidence) -> float:
+    """Returns the density of the evidence, given a force, over that given any force in contact."""
+    if evidence.doubt >= 1.0:
+        return 1.0
+    count = evidence.density.size
+    at = size / largest_n * (count - 1)
+    below = min(int(at), count - 2)
+    part = min(1.0, at - below)
+    ratio = (1.0 - part) * evidence.density[below] + part * evidence.density[below + 1]
+    return ((1.0 - evidence.doubt) * ratio + evidence.doubt) * _along(x, y, size, evidence)
+
+
+@njit(cache=True, nogil=True)
+def _along(x: float, y: float, size: float, evidence: Evidence) -> float:
+    """Returns the density of the direction that was read, given a force, over that given any force in contact."""
+    if evidence.doubt >= 1.0 or evidence.strength <= 0.0 or size <= 0.0:
+        return 1.0
+    cosine = (x * evidence.towards_x + y * evidence.towards_y) / size
+    ratio = math.exp(evidence.strength * (cosine - 1.0) + evidence.log_unit)
+    return (1.0 - evidence.doubt) * ratio + evidence.doubt
+
+
 @njit(cache=True, nogil=True)
 def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: float) -> float:
     """Quantile of points with ``shares`` (their sum is 1), linear between their middles."""
@@ -66,6 +111,7 @@ def _widen_by_profile(
     axis_y: float,
     free: Fit,
     largest_n: float,
+    evidence: Evidence,
     low: FloatArray,
     high: FloatArray,
     scratch: Scratch,
@@ -74,15 +120,20 @@ def _widen_by_profile(
 
     Where the shape shows nothing of a force the prior alone would decide, in favour of no contact.
     """
-    best = free.cost if free.ok else math.inf
+    free_cost = free.cost + evidence.log_odds
+    best = free_cost if free.ok else math.inf
+    costs = np.empty(found)
     for i in range(found):
-        best = min(best, scratch.costs[i])
-    if free.ok and free.cost <= best + _PROFILE:
+        across, along = scratch.forces[i, 0], scratch.forces[i, 1]
+        x, y = c * along - s * across, s * along + c * across
+        costs[i] = scratch.costs[i] - math.log(_agreement(x, y, math.hypot(x, y), largest_n, evidence))
+        best = min(best, costs[i])
+    if free.ok and free_cost <= best + _PROFILE:
         low[2] = 0.0
         for a in range(2):
             low[a], high[a] = min(low[a], 0.0), max(high[a], 0.0)
     for i in range(found):
-        left = best + _PROFILE - scratch.costs[i]
+        left = best + _PROFILE - costs[i]
         if left < 0.0:
             continue
         reach = scratch.across_std[i] * math.sqrt(2.0 * left)
@@ -106,6 +157,7 @@ def mixed_force(
     free: Fit,
     prior_odds: float,
     largest_n: float,
+    evidence: Evidence,
     scratch: Scratch,
 ) -> Mixed:
     """The force over contact and none; ``weights`` and ``shares`` of ``scratch`` become the nodes' shares.
@@ -125,6 +177,7 @@ def mixed_force(
         free: fit without a force.
         prior_odds: logarithm of the odds of contact beforehand.
         largest_n: the prior of the force ends here.
+        evidence: knowledge beside the line.
         scratch: the nodes.
 
     Returns:
@@ -136,12 +189,12 @@ def mixed_force(
     best = -math.inf
     for i in range(found):
         best = max(best, scratch.weights[i])
-    total = total_flat = 0.0
+    total = total_own = total_flat = total_agreeing = 0.0
     for i in range(found):
         density, per_m = math.exp(scratch.weights[i] - best), scratch.node_rates[i, 0]
         if per_m < 0.0:
             per_m *= -_HELD_SHARE
-        flat = own = 0.0
+        flat = own = whole = agreeing = 0.0
         for j in range(3):
             across, along = scratch.forces[i, 0] + _ACROSS[j] * scratch.across_std[i], scratch.forces[i, 1]
             x, y = c * along - s * across, s * along + c * across
@@ -149,28 +202,34 @@ def mixed_force(
             k = 3 * i + j
             points[0, k], points[1, k], points[2, k] = x, y, size
             if size <= largest_n:
-                flat += density * _ACROSS_SHARE[j]
+                flat += density * _ACROSS_SHARE[j] * (1.0 + evidence.teaches * (_along(x, y, size, evidence) - 1.0))
             if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
                 prior = per_m / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
                 shares[k] = density * _ACROSS_SHARE[j] * prior
-                own += shares[k]
-        scratch.weights[i], scratch.shares[i] = flat, own
+                own += shares[k] * _along(x, y, size, evidence)
+                whole += shares[k]
+                shares[k] *= _agreement(x, y, size, largest_n, evidence)
+                agreeing += shares[k]
+        scratch.weights[i], scratch.by_line[i], scratch.shares[i] = flat, own, agreeing
         total_flat += flat
-        total += own
-    evidence = -math.inf
+        total_own += own
+        total += whole
+        total_agreeing += agreeing
+    log_density = -math.inf
     if total > 0.0:
-        evidence = math.log(total * step_n * math.sqrt(2.0 * math.pi)) + best
+        log_density = math.log(total * step_n * math.sqrt(2.0 * math.pi)) + best
     none = -free.cost - 0.5 * free.log_det if free.ok else -math.inf
-    log_odds = evidence - none if free.ok or total > 0.0 else 0.0
-    odds = max(-60.0, min(60.0, log_odds + prior_odds))
+    log_odds = log_density - none if free.ok or total > 0.0 else 0.0
+    odds = max(-60.0, min(60.0, log_odds + prior_odds + evidence.log_odds))
     contact = 1.0 / (1.0 + math.exp(-odds)) if total > 0.0 else 0.0
     if total_flat <= 0.0:
         contact = 0.0
     for k in range(count):
-        shares[k] *= contact / total if total > 0.0 else 0.0
+        shares[k] *= contact / total_agreeing if total_agreeing > 0.0 else 0.0
     for i in range(found):
         scratch.weights[i] /= total_flat if total_flat > 0.0 else 1.0
-        scratch.shares[i] /= total if total > 0.0 else 1.0
+        scratch.by_line[i] /= total_own if total_own > 0.0 else 1.0
+        scratch.shares[i] /= total_agreeing if total_agreeing > 0.0 else 1.0
     shares[count] = 1.0 - contact
     mean, spread = np.zeros(2), np.zeros((2, 2))
     for k in range(count):
@@ -185,7 +244,7 @@ def mixed_force(
         order = np.argsort(points[a])
         low[a], high[a] = _quantile(points[a], order, shares, _TAIL), _quantile(points[a], order, shares, 1.0 - _TAIL)
     if contact > 0.0:
-        _widen_by_profile(found, c, s, axis_x, axis_y, free, largest_n, low, high, scratch)
+        _widen_by_profile(found, c, s, axis_x, axis_y, free, largest_n, evidence, low, high, scratch)
     return Mixed(mean, spread, contact, low, high)
 
 

@@ -8,12 +8,14 @@ import numpy as np
 
 from ...mechanics.planar import FORCE, Line, Model, fit_line, inverse, loaded_point_aside, make_work, solve_in
 from ...types import FloatArray, SessionInfo
+from ...vision.contact import ContactReading
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
 from ._lines import POINTS, StatedErrors
-from ._mixture import Mixed, mixed_force
+from ._mixture import NO_EVIDENCE, Mixed, mixed_force
 from ._noise_level import noisier
 from ._settings import RodSettings
 from ._state import COUNT, K0, ROD, SessionState, X, fill_camera_modes, line_modes
+from ._tissue import Tissue, evidence_of
 from ._walk import ALONG, Fit, Session, make_scratch, relax, walk
 
 _START_N = 0.3
@@ -66,9 +68,13 @@ class LinePosterior:
         knowledge: knowledge of the constants beforehand.
         model: the rod.
         info: the session metadata.
+
+    Attributes:
+        tissue: the law of the tissue as it is known so far.
     """
 
     def __init__(self, settings: RodSettings, knowledge: Knowledge, model: Model, info: SessionInfo) -> None:
+        self.tissue = Tissue(settings.contact, settings.prior.largest_force_n, info.tissue.stiffness_n_per_m)
         self._settings, self._knowledge, self._model, self._info = settings, knowledge, model, info
         self._scratch = make_scratch(make_work(model, POINTS, COUNT), COUNT)
         self._cold_work = make_work(model, POINTS, ROD)
@@ -78,7 +84,14 @@ class LinePosterior:
         self._whiten, self._modes, self._rows = np.empty(0), np.empty(0), POINTS + 1
         self._shapes = {which: np.zeros(model.segments + 1) for which in ("free", "touch")}
 
-    def solve(self, line: Line, scale: float, knob_deg: float, stated: StatedErrors | None = None) -> Posterior:
+    def solve(
+        self,
+        line: Line,
+        scale: float,
+        knob_deg: float,
+        stated: StatedErrors | None = None,
+        reading: ContactReading | None = None,
+    ) -> Posterior:
         """Returns the force from ``line`` alone; a line that fits badly is fitted again with the noise that it shows.
 
         Args:
@@ -86,25 +99,28 @@ class LinePosterior:
             scale: metres per pixel.
             knob_deg: reading of the knob; NaN: not known.
             stated: vision's statements about the line.
+            reading: the geometry of the contact, where a network has read it.
 
         Returns:
             The force, and whether the rod explains the line.
         """
         self._scale, level = scale, 1.0
-        found = self._solve_at(level, line, knob_deg, stated)
+        found = self._solve_at(level, line, knob_deg, stated, reading)
         for _ in range(_REFITS):
             if not _NOISY_MISFIT < found.misfit < math.inf or level > self._settings.noise.max_level:
                 break
             level = noisier(level, found.misfit)
-            found = self._solve_at(level, line, knob_deg, stated)
+            found = self._solve_at(level, line, knob_deg, stated, reading)
         return found
 
-    def _solve_at(self, level: float, line: Line, knob_deg: float, stated: StatedErrors | None) -> Posterior:
+    def _solve_at(
+        self, level: float, line: Line, knob_deg: float, stated: StatedErrors | None, reading: ContactReading | None
+    ) -> Posterior:
         state = self._new_state(knob_deg)
         self._lay_out_noise(level, begins=True)
         self._fill_noise(line, stated)
         fits = self._fit(line, state, None)
-        return self._result(fits, self._force(fits, self._knowledge.contact_share))
+        return self._result(fits, self._force(fits, self._knowledge.contact_share, reading))
 
     def _new_state(self, knob_deg: float) -> SessionState:
         """Returns the state of a session that begins."""
@@ -215,9 +231,12 @@ class LinePosterior:
             starts.append(start)
         return starts[0], starts[1]
 
-    def _force(self, fits: Hypotheses, share: float) -> Mixed:
+    def _force(self, fits: Hypotheses, share: float, reading: ContactReading | None) -> Mixed:
         angle = float(self._shapes["touch" if fits.found else "free"][-1])
+        evidence = NO_EVIDENCE
+        if reading is not None:
+            evidence = evidence_of(reading, angle, self.tissue, self._settings.contact)
         return mixed_force(
             fits.found, fits.step_n, fits.c, fits.s, angle, fits.free, math.log(share / (1.0 - share)),
-            self._settings.prior.largest_force_n, self._scratch,
+            self._settings.prior.largest_force_n, evidence, self._scratch,
         )  # fmt: skip

@@ -90,6 +90,32 @@ class NoiseSettings(BaseModel):
     """Weight of the stated level, in frames."""
 
 
+class ContactSettings(BaseModel):
+    """Use of the network that reads the geometry of the contact."""
+
+    model_config = _FROZEN
+
+    read: bool = False
+    """Whether a network reads contact, direction and depth from the image at the tip."""
+    softest_n_per_m: _Std = 15.0
+    stiffest_n_per_m: _Std = 1000.0
+    """The logarithm of the tissue's stiffness is uniform between these."""
+    stated_stiffness: _Std = 0.25
+    """Relative error of a stiffness of the tissue that the metadata state."""
+    law_error: _Std = 0.15
+    """Relative error of the law that links depth and force: a tissue gives way more slowly than it is pressed."""
+    unreliable_share: _Share = 0.05
+    """Probability that a reading is wrong by more than the network says."""
+    learnt_share: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Weight of a frame that teaches the law: errors of the shape stay for many frames."""
+    teaches: float = 1.0
+    contact_weight: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Weight of the network's log odds of contact."""
+    largest_log_odds: _Std = 3.0
+    direction_weight: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Share of the concentration of the direction that counts."""
+
+
 class RodFitSettings(BaseModel):
     """Settings of every method that fits a rod to centrelines, in the plane or in space."""
 
@@ -138,6 +164,7 @@ class RodSettings(RodFitSettings):
     learn: bool = True
     """Whether `fit` learns priors from sessions with forces: stiffness, knob, clamp and the share of contact. Without
     it the settings hold."""
+    contact: ContactSettings = ContactSettings()
     segments: Annotated[int, Field(ge=8, le=400)] = 40
     """Number of segments of the flexible length."""
     max_misfit: _Std = 2.0

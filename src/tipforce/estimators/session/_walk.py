@@ -96,6 +96,8 @@ class Scratch(NamedTuple):
     node_rates: FloatArray
     shares: FloatArray
     """(NODES,): shares of the nodes in the force of the line; ``weights`` are those for the constants."""
+    by_line: FloatArray
+    """(NODES,): the same by the line alone, without other evidence."""
 
 
 def make_scratch(rod: Work, unknowns: int) -> Scratch:
@@ -113,6 +115,7 @@ def make_scratch(rod: Work, unknowns: int) -> Scratch:
         rod, np.zeros(unknowns), np.zeros(n), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
         np.zeros((NODES, 2)), np.zeros((NODES, unknowns)), np.zeros((NODES, unknowns, unknowns)), np.zeros(NODES),
         np.zeros(NODES), np.zeros(NODES), np.zeros(unknowns), np.zeros((NODES, unknowns)), np.zeros(NODES),
+        np.zeros(NODES),
     )  # fmt: skip
 
 

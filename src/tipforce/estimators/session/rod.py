@@ -18,6 +18,7 @@ from ...datasets import Dataset
 from ...errors import ModelError
 from ...mechanics.planar import FORCE, UNKNOWNS
 from ...types import ForceEstimate, Image, Observation, SessionInfo
+from ...vision.contact import ContactReader, ContactReading
 from .._base import PlanarRodEstimator, Progress, Stream, no_progress
 from .._builder import within_error
 from .._session_metadata import UninformedStream
@@ -120,6 +121,7 @@ class _LineStream:
     def __init__(self, settings: RodSettings, widths: Widths, info: SessionInfo, images: Sequence[Image]) -> None:
         self._settings, self._widths, self._info = settings, widths, info
         self._detection = Detection(settings.vision, info, images, hidden_tips=True)
+        self._contact = ContactReader() if settings.contact.read else None
 
     def _read(self, observation: Observation) -> tuple[Detected, float] | ForceEstimate:
         """Returns the line and the knob's angle, NaN where it is not known; or the abstention."""
@@ -131,6 +133,13 @@ class _LineStream:
                 return found, knob_deg
             found = out_of_range
         return ForceEstimate.invalid(observation.stamp_ns, found.status, found.detail, self._detection.shape)
+
+    def _reading(self, observation: Observation, detected: Detected) -> ContactReading | None:
+        """Returns the geometry of the contact at the tip; None without a network, or where the tip is not known."""
+        image = observation.views.get(self._settings.vision.view)
+        if self._contact is None or not isinstance(image, np.ndarray):
+            return None
+        return self._contact.read(image, detected.shape, detected.frame.scale_m_per_px)
 
     def _estimate(self, stamp_ns: int, found: Posterior) -> ForceEstimate:
         settings, shape = self._settings, self._detection.shape
@@ -157,7 +166,10 @@ class RodStream(_LineStream):
         if isinstance(read, ForceEstimate):
             return read
         detected, knob_deg = read
-        found = self._model.solve(detected.line(), detected.frame.scale_m_per_px, knob_deg, detected.errors())
+        reading = self._reading(observation, detected)
+        found = self._model.solve(
+            detected.line(), detected.frame.scale_m_per_px, knob_deg, detected.errors(), reading
+        )
         return self._estimate(observation.stamp_ns, found)
 
 
@@ -192,8 +204,9 @@ class RodTrackStream(_LineStream):
         elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp
         found = self.filter.step(
-            detected.line(), detected.frame.scale_m_per_px, knob_deg, elapsed_s, detected.advance_m, detected.errors()
-        )
+            detected.line(), detected.frame.scale_m_per_px, knob_deg, elapsed_s, detected.advance_m,
+            detected.errors(), self._reading(observation, detected),
+        )  # fmt: skip
         return self._estimate(stamp, found)
 
 

@@ -1,0 +1,122 @@
+"""From the geometry of the contact to the force: the session learns the tissue's law.
+
+A network reads how deep the tip presses into the tissue (`ContactReading`), and knows neither stiffness nor tissue. The
+law of the tissue is one of three (linear, Hertz, exponential) with one of many stiffnesses; each of these hypotheses
+has a probability, which grows where the depths agree with the forces that the shaft shows well. The depth then tells
+the force along the chord, of which the shape tells little.
+"""
+
+import math
+
+import numpy as np
+from scipy.special import i0e
+
+from ...types import FloatArray
+from ...vision.contact import DEPTH_M, ContactReading
+from ._mixture import Evidence
+from ._settings import ContactSettings
+
+_STIFFNESSES = 36
+_LAW_DEPTH_M = 2e-3
+"""The stiffness of a law is that of its secant at this depth."""
+_FORCES = 161
+"""Number of forces at which the density of a depth is tabulated."""
+_LEAST_SHARE = 1e-5
+"""No hypothesis is ever given up."""
+_STUDENT = 4.0
+"""Degrees of freedom of the depth's error."""
+
+
+def _depths(force_n: FloatArray, stiffness: FloatArray) -> FloatArray:
+    """Returns the depths (3, stiffnesses, forces) of forces by the three laws, m."""
+    ratio = force_n / (stiffness[:, None] * _LAW_DEPTH_M)
+    return _LAW_DEPTH_M * np.stack([ratio, ratio ** (2.0 / 3.0), np.log1p((math.e - 1.0) * ratio)])
+
+
+class Tissue:
+    """The probabilities of the laws of a session's tissue.
+
+    Args:
+        settings: the settings.
+        largest_n: the prior of the force ends here.
+        stated_n_per_m: stiffness that the metadata states; None: none.
+    """
+
+    def __init__(self, settings: ContactSettings, largest_n: float, stated_n_per_m: float | None) -> None:
+        self._settings = settings
+        self._stiffness = np.geomspace(settings.softest_n_per_m, settings.stiffest_n_per_m, _STIFFNESSES)
+        weights = np.ones((3, _STIFFNESSES))
+        if stated_n_per_m is not None:
+            off = np.log(self._stiffness / stated_n_per_m) / settings.stated_stiffness
+            weights *= np.exp(-0.5 * off**2)
+        self._weights = weights / weights.sum()
+        self.force_n = np.linspace(0.0, largest_n, _FORCES)
+        self._expected, self._spread = self._depth_of(self.force_n)
+
+    @property
+    def stiffness_n_per_m(self) -> tuple[float, float]:
+        """Mean stiffness, and the standard deviation of its logarithm."""
+        share, log = self._weights.sum(axis=0), np.log(self._stiffness)
+        mean = float(share @ log)
+        return math.exp(mean), math.sqrt(float(share @ (log - mean) ** 2))
+
+    def _depth_of(self, force_n: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns mean and standard deviation of the transformed depth (3, stiffnesses, forces)."""
+        ratio = _depths(force_n, self._stiffness) / DEPTH_M
+        return np.arcsinh(ratio), self._settings.law_error * ratio / np.sqrt(1.0 + ratio**2)
+
+    def density(self, reading: ContactReading) -> FloatArray:
+        """Returns the density of the depth at each of ``force_n`` over its mean: (forces,)."""
+        likelihood = _student(reading, self._expected, self._spread)
+        density = np.einsum("ls,lsf->f", self._weights, likelihood)
+        mean = float(density.mean())
+        return density / mean if mean > 0.0 else np.ones_like(density)
+
+    def learn(self, reading: ContactReading, force_n: FloatArray, shares: FloatArray) -> None:
+        """Learns from a frame in which the shaft shows the force.
+
+        Args:
+            reading: the depth.
+            force_n: (k,) forces by the shape alone.
+            shares: (k,) their shares.
+        """
+        expected, spread = self._depth_of(force_n)
+        likelihood = _student(reading, expected, spread) @ shares
+        scale = float(likelihood.max())
+        if scale <= 0.0 or not math.isfinite(scale):
+            return
+        doubt = self._settings.unreliable_share
+        weights = self._weights * ((1.0 - doubt) * likelihood / scale + doubt) ** self._settings.learnt_share
+        self._weights = np.maximum(weights / weights.sum(), _LEAST_SHARE / weights.size)
+        self._weights /= self._weights.sum()
+
+
+def _student(reading: ContactReading, expected: FloatArray, spread: FloatArray) -> FloatArray:
+    variance = reading.depth_std**2 + spread**2
+    error = (reading.depth - expected) ** 2 / (_STUDENT * variance)
+    return np.asarray((1.0 + error) ** (-0.5 * (_STUDENT + 1.0)) / np.sqrt(variance), np.float64)
+
+
+def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, settings: ContactSettings) -> Evidence:
+    """Returns a reading's knowledge of the force.
+
+    Args:
+        reading: the reading.
+        tip_rad: direction of the tip's axis in the frame of the clamp, whose y axis points up in the image.
+        tissue: the law of the tissue.
+        settings: weights.
+    """
+    share = min(1.0 - 1e-9, max(1e-9, reading.contact))
+    log_odds = settings.contact_weight * math.log(share / (1.0 - share))
+    limit, strength = settings.largest_log_odds, settings.direction_weight * reading.strength
+    towards = tip_rad - reading.turn_rad
+    return Evidence(
+        max(-limit, min(limit, log_odds)),
+        math.cos(towards),
+        math.sin(towards),
+        strength,
+        -math.log(2.0 * float(i0e(strength))),
+        tissue.density(reading),
+        settings.unreliable_share,
+        settings.teaches,
+    )
