@@ -4,10 +4,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-DEPTH_M = 0.5e-3
-"""The depth is learnt as ``asinh(depth / DEPTH_M)``: its error grows with it."""
 OUTPUTS = 5
-"""Logit of contact; mean and logarithm of the standard deviation of the transformed depth; the vector of the direction,
+"""Logit of contact; mean and log standard deviation of ``asinh(depth / DEPTH_M)``; the vector of the direction,
 whose length is the concentration of a von Mises distribution."""
 
 

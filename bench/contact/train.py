@@ -13,14 +13,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-
-from bench.contact.network import DEPTH_M, ContactNetwork, losses
+from bench.contact.network import ContactNetwork, losses
 from bench.contact.scenes import PIXEL_M as SCENE_PIXEL_M
 from bench.contact.scenes import SIDE_PX as SCENE_SIDE_PX
+
 from tipforce.training import export_graph
-from tipforce.vision.contact import BEHIND_M, PIXEL_M, SIDE_PX
+from tipforce.vision.contact import BEHIND_M, DEPTH_M, PIXEL_M, SIDE_PX
 
 BATCH = 64
+CLEAR_N, SURE = 0.02, 30.0
+"""Least force, N, of the images that are judged, and concentration from which a direction is called sure."""
 _TIP = np.array([BEHIND_M / SCENE_PIXEL_M + 0.5 * (SCENE_SIDE_PX - SIDE_PX * PIXEL_M / SCENE_PIXEL_M), 83.5])
 
 
@@ -32,7 +34,10 @@ class Scenes:
         parts = [np.load(each) for each in places]
         self.images = np.concatenate([part["images"] for part in parts])
         self.preset = np.concatenate(
-            [np.full(len(part["contact"]), place.name.rsplit("-", 2)[0]) for part, place in zip(parts, places)]
+            [
+                np.full(len(part["contact"]), place.name.rsplit("-", 2)[0])
+                for part, place in zip(parts, places, strict=True)
+            ]
         )
         self.force_n = np.concatenate([part["force_n"] for part in parts])
         self.truth = np.stack(
@@ -45,7 +50,7 @@ class Scenes:
         )
 
     def batch(self, rows: np.ndarray, rng: np.random.Generator, *, strong: bool) -> tuple[torch.Tensor, torch.Tensor]:
-        """Returns images (n, 1, 112, 112) and truths (n, 3): moved as a detection errs and, if ``strong``, disturbed."""
+        """Returns images (n, 1, 112, 112) and truths (n, 3), moved as a detection errs; ``strong``: disturbed too."""
         made = np.empty((len(rows), 1, SIDE_PX, SIDE_PX), np.float32)
         truth = self.truth[rows].copy()
         for k, row in enumerate(rows.tolist()):
@@ -131,25 +136,32 @@ def outputs(network: ContactNetwork, scenes: Scenes) -> tuple[np.ndarray, np.nda
 def judge(network: ContactNetwork, scenes: Scenes) -> str:
     """Returns the figures on the scenes, by preset."""
     f, t = outputs(network, scenes)
-    lines = []
+    said = 1.0 / (1.0 + np.exp(-f[:, 0]))
+    depth_mm, true_mm = (1e3 * DEPTH_M * np.sinh(values) for values in (f[:, 1], t[:, 1]))
+    error_mm = np.abs(depth_mm - true_mm)
+    normalised = np.abs(f[:, 1] - t[:, 1]) / np.exp(np.clip(f[:, 2], -4.0, 3.0))
+    turn = np.arctan2(f[:, 4], f[:, 3]) - t[:, 2]
+    off_deg, strength = np.degrees(np.abs(np.angle(np.exp(1j * turn)))), np.hypot(f[:, 3], f[:, 4])
+    lines: list[str] = []
     for preset in np.unique(scenes.preset):
         own = scenes.preset == preset
-        touching = own & (t[:, 0] > 0.5)
-        clear = touching & (scenes.force_n > 0.02)
-        said = 1.0 / (1.0 + np.exp(-f[:, 0]))
-        depth, true = DEPTH_M * np.sinh(f[:, 1]), DEPTH_M * np.sinh(t[:, 1])
-        error = np.abs(depth - true)[clear]
-        normal = ((f[:, 1] - t[:, 1]) / np.exp(np.clip(f[:, 2], -4, 3)))[clear]
-        turn = np.arctan2(f[:, 4], f[:, 3]) - t[:, 2]
-        turn = np.degrees(np.abs(np.angle(np.exp(1j * turn))))[clear]
-        sure = np.hypot(f[:, 3], f[:, 4])[clear] > 30.0
+        clear = own & (t[:, 0] > 0.5) & (scenes.force_n > CLEAR_N)
+        sure = clear & (strength > SURE)
+        touching = [
+            100 * t[own & kept, 0].mean() if (own & kept).any() else np.nan for kept in (said < 0.05, said > 0.95)
+        ]
+        right = 100 * ((said > 0.5) == (t[:, 0] > 0.5))[own].mean()
+        within = [100 * (normalised[clear] < stds).mean() for stds in (1.0, 2.0)]
+        depth, direction, of_sure = (
+            f"{np.median(off):.2f}, 90 % {np.quantile(off, 0.9):.2f}" if len(off) else "-"
+            for off in (error_mm[clear], off_deg[clear], off_deg[sure])
+        )
+        share = 100 * sure.sum() / max(1, clear.sum())
         lines.append(
-            f"  {preset:12s} {own.sum():5d} frames: contact right {100 * ((said > 0.5) == (t[:, 0] > 0.5))[own].mean():.1f} %, "
-            f"of p<0.05 in contact {100 * (t[own & (said < 0.05), 0]).mean():.1f}, p>0.95 {100 * (t[own & (said > 0.95), 0]).mean():.1f}; "
-            f"depth mm median {1e3 * np.median(error):.2f} p90 {1e3 * np.quantile(error, 0.9):.2f} relative {np.median(error / np.maximum(true[clear], 2e-4)):.2f}, "
-            f"normalised within 1 {100 * (np.abs(normal) < 1).mean():.0f} %, within 2 {100 * (np.abs(normal) < 2).mean():.0f}; "
-            f"direction deg median {np.median(turn):.1f} p90 {np.quantile(turn, 0.9):.1f}; sure {100 * sure.mean():.0f} %: "
-            f"{np.median(turn[sure]) if sure.any() else float('nan'):.1f} p90 {np.quantile(turn[sure], 0.9) if sure.any() else float('nan'):.1f}"
+            f"  {preset}, {own.sum()} frames: contact right {right:.1f} %; where its probability is below 0.05 "
+            f"{touching[0]:.1f} % touch, above 0.95 {touching[1]:.1f} %\n"
+            f"    depth off by {depth} mm; within one and two stated deviations {within[0]:.0f}, {within[1]:.0f} %\n"
+            f"    direction off by {direction} degrees; the surer {share:.0f} %: {of_sure}"
         )
     return "\n".join(lines)
 
@@ -175,7 +187,9 @@ def main() -> None:
     optimiser = torch.optim.AdamW(network.parameters(), options.rate, weight_decay=0.02)
     steps = len(train.truth) // BATCH
     plan = torch.optim.lr_scheduler.OneCycleLR(optimiser, options.rate, total_steps=options.epochs * steps)
-    average = torch.optim.swa_utils.AveragedModel(network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.999), use_buffers=True)
+    average = torch.optim.swa_utils.AveragedModel(
+        network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.999), use_buffers=True
+    )
     checkpoint, first = options.out.with_suffix(".pt"), 0
     if options.resume and checkpoint.exists():
         stored = torch.load(checkpoint, weights_only=True)
@@ -187,6 +201,12 @@ def main() -> None:
         begun = {name.removeprefix("module."): each for name, each in stored.items() if name.startswith("module.")}
         network.load_state_dict(begun)
         average.module.load_state_dict(begun)
+    touching = train.truth[:, 0] > 0.5
+    depth, turn = train.truth[touching, 1], train.truth[touching, 2]
+    print(
+        f"share of contact {touching.mean():.3f}; depth, transformed: mean {depth.mean():.2f}, standard deviation "
+        f"{depth.std():.2f}; mean cosine of the direction {np.cos(turn).mean():.3f}"
+    )
     print(f"{len(train.truth)} images to train on, {len(apart.truth)} apart, {steps} steps an epoch", flush=True)
     for epoch in range(first, options.epochs):
         rng = np.random.default_rng([7, epoch])
@@ -214,7 +234,9 @@ def main() -> None:
             checkpoint,
         )  # fmt: skip
     if options.epochs > first:
-        print(f"factors of logit, depth and direction: {calibrate(average.module, apart)}\n{judge(average.module, apart)}")
+        print(
+            f"factors of logit, depth and direction: {calibrate(average.module, apart)}\n{judge(average.module, apart)}"
+        )
     spec = {"image": ((1, SIDE_PX, SIDE_PX), "float32")}
     options.out.write_bytes(export_graph(average.module.eval(), spec, ("geometry",), {}, half_precision=True))
 

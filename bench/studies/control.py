@@ -5,9 +5,8 @@
         [--tissue own|stated|varied] [--out FILE]
 
 Each line of FILE (JSON) is one run; a run that is in FILE already is not run again. Without control the catheter rests
-where the mean force is the target, and the limit is lifted, so that it is never drawn back. Feedback
-`fusion+MODEL` is `fusion` with the network MODEL, as for one that was trained on this bench (docs/control.md). The
-table at the end has medians and worst values of the sessions.
+where the mean force is the target, and the limit is lifted, so that it is never drawn back. The table at the end has
+medians and worst values of the sessions.
 """
 
 import argparse
@@ -19,20 +18,16 @@ from functools import lru_cache
 import numpy as np
 
 from tipforce.control import LIFTED_LIMIT_N, ControlSettings, SafetySettings
-from tipforce.estimators import Estimator, create, load_model
+from tipforce.estimators import Estimator, load_model
 from tipforce.pipelines import REGIMES, bench_of_regime, live_bench, run_control
 from tipforce.simulation import PRESETS, AnySimulationSettings, LiveSimulation
 
-_OWN_NETWORK = "fusion+"
 DRIVES = {"perpendicular": "advance", "oblique": "both", "lateral": "both"}
 
 
 @lru_cache(maxsize=1)
 def feedback_of(name: str) -> Estimator | str:
     """Returns an estimator, or ``truth``."""
-    if name.startswith(_OWN_NETWORK):
-        network = name.removeprefix(_OWN_NETWORK)
-        return create("fusion", {"network": network, "disagreement_s": None, "vouched_s": None})
     return name if name == "truth" else load_model(pathlib.Path(name))
 
 

@@ -5,7 +5,7 @@
 Each row changes one thing about the bench; its sessions are simulated once into ``--runs`` and kept between runs. The
 rows of `bench-2021` share one seed: they are the same sessions except for the change. ``--other-engines FOLDER``
 adds recordings of `benchmarks.foreign`. Models are folders, `pretrained/NAME`, or methods that need no training, with
-settings, if wanted: ``fusion:rod.vision.method=auto``.
+settings, if wanted: ``fusion:vision.method=tracer``.
 Magnitudes against the truth. Prints the table; ``--into FILE`` puts it between two marks in a page.
 """
 

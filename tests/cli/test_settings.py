@@ -24,7 +24,7 @@ def test_one_inner_setting_leaves_the_methods_own_defaults_beside_it() -> None:
         assert found == PriorSettings(largest_force_n=0.2, stiffness=0.02)
 
 
-def test_settings_of_a_member_of_fusion_are_set_by_their_path() -> None:
-    within = settings_from(FusionSettings, ["rod.prior.stiffness=0.02", "rod.vision.view=a"]).rod
-    assert within.prior == RodTrackSettings().prior.model_copy(update={"stiffness": 0.02})
-    assert within.vision.view == "a"
+def test_a_setting_of_fusion_within_another_keeps_the_others() -> None:
+    changed = settings_from(FusionSettings, ["prior.stiffness=0.02", "contact.law_error=0.3"])
+    assert changed.prior == RodTrackSettings().prior.model_copy(update={"stiffness": 0.02})
+    assert changed.contact == FusionSettings().contact.model_copy(update={"law_error": 0.3})

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from tipforce.cli import app, as_options
 from tipforce.datasets import open_dataset
 from tipforce.errors import InputError
-from tipforce.estimators import ESTIMATORS, create, load_model, read_manifest, save_model
+from tipforce.estimators import ESTIMATORS, create, load_model, read_manifest
 from tipforce.io import RecordingReader, RecordingWriter, open_source, write_video
 from tipforce.types import Actuation, Catheter, Frame, Observation, SensorInfo, SessionInfo, ViewInfo, Wrench
 
@@ -230,12 +230,3 @@ def test_a_shipped_model_and_fusion_read_any_view() -> None:
     assert fusion.for_views(("a", "b")).views == ("a",)
     assert fusion.reading("b").views == ("b",)
     assert fusion.reading("b").unfitted().views == ("b",)
-
-
-def test_a_fusion_with_a_network_of_a_view_reads_this_view(runs: Path, tmp_path: Path) -> None:
-    data = open_dataset(runs)
-    save_model(load_model("pretrained/compact").reading("side"), tmp_path / "network", data)
-    fusion = create("fusion", {"network": str(tmp_path / "network")})
-    assert fusion.for_views(("front", "side")).views == ("side",)
-    save_model(fusion, tmp_path / "fusion", data)
-    assert load_model(tmp_path / "fusion").views == ("side",)

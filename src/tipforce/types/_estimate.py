@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
@@ -56,9 +55,8 @@ class ForceEstimate:
         contact: probability that the tip touches anything; NaN from methods that do not estimate it.
         shape: the catheter as detected in the image; None from methods that detect none.
         abstained_interval_n: 90 % interval of the magnitude of an estimate that is invalid because this interval is too
-            wide, or spans two sources that differ too much; NaN in every other case. It is for safety functions only,
-            which must act on its upper end; it is never displayed as a force.
-        source: the member of a combined method that gave the force; None from a method without members.
+            wide; NaN in every other case. It is for safety functions only, which must act on its upper end; it is never
+            displayed as a force.
         shapes_beside: the catheter in each further view that the method reads.
         tip_axis: (3,) unit vector along the tip, from base to tip, base frame; None from methods that know the
             direction of the tip in the image only.
@@ -76,7 +74,6 @@ class ForceEstimate:
     contact: float = math.nan
     shape: DetectedShape | None = None
     abstained_interval_n: tuple[float, float] = _NO_INTERVAL
-    source: StrEnum | None = None
     shapes_beside: tuple[ShapeBeside, ...] = ()
     tip_axis: FloatArray | None = None
 

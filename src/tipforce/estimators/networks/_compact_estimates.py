@@ -119,13 +119,12 @@ class CompactEstimateBuilder:
     history: History
     tissue: TissueBelief | None = None
 
-    def __call__(self, stamp_ns: int, outputs: Outputs, *, unsure: bool = False) -> ForceEstimate:
+    def __call__(self, stamp_ns: int, outputs: Outputs) -> ForceEstimate:
         """Returns one estimate.
 
         Args:
             stamp_ns: stamp of the frame.
             outputs: outputs of the network, (1, ...) each.
-            unsure: whether the estimate is returned without the limit of its uncertainty.
         """
         if self.limits.min_heatmap_px > 0.0 and (pixels := heatmap_pixels(outputs)[0]) < self.limits.min_heatmap_px:
             return ForceEstimate.invalid(
@@ -146,7 +145,7 @@ class CompactEstimateBuilder:
         if not (size := math.hypot(*force.tolist())) <= MAX_FORCE_N:
             return implausible(stamp_ns, size)
         sigma_n = magnitude_sigma(force, spread)
-        if not (unsure or sigma_n <= self.limits.max_sigma_n):
+        if not sigma_n <= self.limits.max_sigma_n:
             return ForceEstimate.invalid(
                 stamp_ns,
                 Status.UNOBSERVABLE,

@@ -468,21 +468,13 @@ class CompactStream(NetworkStream):
         self._in_distribution = RecentShare(_IN_DISTRIBUTION_S)
         self._before_ns: int | None = None
 
-    def update(self, observation: Observation, *, unsure: bool = False) -> ForceEstimate:
-        """Estimates the force on the next frame; see `Stream.update`.
-
-        Args:
-            observation: the frame.
-            unsure: whether the limit of the uncertainty is left out.
-
-        Returns:
-            The estimate.
-        """
+    def update(self, observation: Observation) -> ForceEstimate:
+        """Estimates the force on the next frame; see `Stream.update`."""
         outputs = self.outputs(observation)
         if isinstance(outputs, ForceEstimate):
             return outputs
         assert isinstance(self._build, CompactEstimateBuilder)
-        estimate = self._build(observation.stamp_ns, outputs, unsure=unsure)
+        estimate = self._build(observation.stamp_ns, outputs)
         before_ns = observation.stamp_ns if self._before_ns is None else self._before_ns
         elapsed_s, self._before_ns = max(0.0, 1e-9 * (observation.stamp_ns - before_ns)), observation.stamp_ns
         self._in_distribution.add(estimate.status is not Status.OUT_OF_DISTRIBUTION, elapsed_s)

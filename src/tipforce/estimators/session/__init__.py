@@ -23,7 +23,15 @@ from ._lines import POINTS, LineFrame, StatedErrors
 from ._mixture import Mixed
 from ._noise_level import NoiseLevel
 from ._posterior import Posterior
-from ._settings import NoiseSettings, OverTimeSettings, PriorSettings, RodPriors, RodSettings, RodTrackSettings
+from ._settings import (
+    ContactSettings,
+    NoiseSettings,
+    OverTimeSettings,
+    PriorSettings,
+    RodPriors,
+    RodSettings,
+    RodTrackSettings,
+)
 from .rod import Rod, RodTrack, RodTrackStream
 
 __all__ = [
@@ -31,6 +39,7 @@ __all__ = [
     "MODES",
     "POINTS",
     "STIFFNESS_LEFT_OUT",
+    "ContactSettings",
     "Detected",
     "Detection",
     "ForceLimits",

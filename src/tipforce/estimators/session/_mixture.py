@@ -56,10 +56,9 @@ class Evidence(NamedTuple):
     log_unit: float
     density: FloatArray
     doubt: float
-    teaches: float
 
 
-NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, 0.0, 0.0, np.ones(2), 1.0, 0.0)
+NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, 0.0, 0.0, np.ones(2), 1.0)
 
 
 @njit(cache=True, nogil=True)
@@ -202,7 +201,7 @@ def mixed_force(
             k = 3 * i + j
             points[0, k], points[1, k], points[2, k] = x, y, size
             if size <= largest_n:
-                flat += density * _ACROSS_SHARE[j] * (1.0 + evidence.teaches * (_along(x, y, size, evidence) - 1.0))
+                flat += density * _ACROSS_SHARE[j]
             if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
                 prior = per_m / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
                 shares[k] = density * _ACROSS_SHARE[j] * prior

@@ -91,29 +91,30 @@ class NoiseSettings(BaseModel):
 
 
 class ContactSettings(BaseModel):
-    """Use of the network that reads the geometry of the contact."""
+    """Use of the network that reads the geometry of the contact from the image at the tip."""
 
     model_config = _FROZEN
 
     read: bool = False
-    """Whether a network reads contact, direction and depth from the image at the tip."""
+    """Whether it is used. It needs an image of a camera in which the tissue is seen."""
     softest_n_per_m: _Std = 15.0
+    """Stiffness of the softest tissue."""
     stiffest_n_per_m: _Std = 1000.0
-    """The logarithm of the tissue's stiffness is uniform between these."""
+    """Stiffness of the stiffest tissue; its logarithm is uniform between the two."""
     stated_stiffness: _Std = 0.25
     """Relative error of a stiffness of the tissue that the metadata state."""
     law_error: _Std = 0.15
     """Relative error of the law that links depth and force: a tissue gives way more slowly than it is pressed."""
     unreliable_share: _Share = 0.05
     """Probability that a reading is wrong by more than the network says."""
-    learnt_share: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """Weight of a frame that teaches the law: errors of the shape stay for many frames."""
-    teaches: float = 1.0
-    contact_weight: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Weight of the network's log odds of contact."""
+    learnt_share: Annotated[float, Field(ge=0, le=1)] = 0.3
+    """Weight of a frame that teaches the tissue's law: errors of the shape stay for many frames."""
+    odds_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Share of the network's log odds of contact that counts: its errors stay for many frames."""
     largest_log_odds: _Std = 3.0
-    direction_weight: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Share of the concentration of the direction that counts."""
+    """Largest log odds of contact that count."""
+    direction_share: Annotated[float, Field(ge=0, le=1)] = 0.7
+    """Share of the concentration of the direction that counts: on other benches the network errs more than it says."""
 
 
 class RodFitSettings(BaseModel):

@@ -107,8 +107,8 @@ def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, setting
         settings: weights.
     """
     share = min(1.0 - 1e-9, max(1e-9, reading.contact))
-    log_odds = settings.contact_weight * math.log(share / (1.0 - share))
-    limit, strength = settings.largest_log_odds, settings.direction_weight * reading.strength
+    log_odds = settings.odds_share * math.log(share / (1.0 - share))
+    limit, strength = settings.largest_log_odds, settings.direction_share * reading.strength
     towards = tip_rad - reading.turn_rad
     return Evidence(
         max(-limit, min(limit, log_odds)),
@@ -118,5 +118,4 @@ def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, setting
         -math.log(2.0 * float(i0e(strength))),
         tissue.density(reading),
         settings.unreliable_share,
-        settings.teaches,
     )

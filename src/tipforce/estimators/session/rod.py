@@ -44,6 +44,7 @@ class RodEstimator(PlanarRodEstimator):
 
     settings: RodSettings
     needs_fit: ClassVar[bool] = False
+    facts_type: ClassVar[type[RodFacts]] = RodFacts
     stream_type: ClassVar[Callable[..., Stream]]
     """Makes the stream from settings, knowledge, widths of the intervals, metadata and images."""
 
@@ -104,7 +105,7 @@ class RodEstimator(PlanarRodEstimator):
         knowledge, widths = self.fitted_.knowledge, self.fitted_.widths
         std = np.sqrt(np.diag(knowledge.constants_covariance))
         names = UNKNOWNS[FORCE:]
-        return RodFacts(
+        return self.facts_type(
             priors={
                 name: PriorFacts(mean=mean, std=each)
                 for name, mean, each in zip(names, knowledge.constants.tolist(), std.tolist(), strict=True)
@@ -121,7 +122,8 @@ class _LineStream:
     def __init__(self, settings: RodSettings, widths: Widths, info: SessionInfo, images: Sequence[Image]) -> None:
         self._settings, self._widths, self._info = settings, widths, info
         self._detection = Detection(settings.vision, info, images, hidden_tips=True)
-        self._contact = ContactReader() if settings.contact.read else None
+        read = settings.contact.read and info.view(settings.vision.view).modality != "xray"
+        self._contact = ContactReader() if read else None
 
     def _read(self, observation: Observation) -> tuple[Detected, float] | ForceEstimate:
         """Returns the line and the knob's angle, NaN where it is not known; or the abstention."""
@@ -167,9 +169,7 @@ class RodStream(_LineStream):
             return read
         detected, knob_deg = read
         reading = self._reading(observation, detected)
-        found = self._model.solve(
-            detected.line(), detected.frame.scale_m_per_px, knob_deg, detected.errors(), reading
-        )
+        found = self._model.solve(detected.line(), detected.frame.scale_m_per_px, knob_deg, detected.errors(), reading)
         return self._estimate(observation.stamp_ns, found)
 
 

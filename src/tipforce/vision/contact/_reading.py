@@ -7,6 +7,11 @@ from ...types import FloatArray
 
 DEPTH_M = 0.5e-3
 """Depths are stated as ``asinh(depth / DEPTH_M)``: their error grows with the depth."""
+_CONTACT_LOGIT, _DEPTH, _DEPTH_STD, _TOWARDS_TIP = 0.20, 1.31, 0.72, 2.2
+"""The training images: log odds of contact, mean and standard deviation of the depth, and concentration of the
+directions about the one along the tip's axis. Where the network sees nothing it gives these, which are no measurement.
+"""
+_NO_DEPTH_STD, _LEAST_INFORMATION = 10.0, 0.1
 _LEAST_LOG_STD, _LARGEST_LOG_STD = -4.0, 3.0
 
 
@@ -30,17 +35,23 @@ class ContactReading:
 
     @classmethod
     def of(cls, outputs: FloatArray) -> "ContactReading":
-        """Returns the reading from the network's outputs.
+        """Returns the image's own statement: the network's outputs without the distribution of its training images.
 
         Args:
             outputs: (5,) logit of contact; mean and logarithm of the standard deviation of the depth; a vector (2,)
                 along the direction, whose length is the concentration.
         """
         logit, depth, log_std, x, y = (float(each) for each in outputs)
+        logit, x = logit - _CONTACT_LOGIT, x + _TOWARDS_TIP
+        information = math.exp(-2.0 * min(_LARGEST_LOG_STD, max(_LEAST_LOG_STD, log_std)))
+        own = information - _DEPTH_STD**-2
+        if own < _LEAST_INFORMATION:
+            information, own = _DEPTH_STD**-2 + _NO_DEPTH_STD**-2, _NO_DEPTH_STD**-2
+            depth = _DEPTH
         return cls(
             1.0 / (1.0 + math.exp(-max(-60.0, min(60.0, logit)))),
-            depth,
-            math.exp(min(_LARGEST_LOG_STD, max(_LEAST_LOG_STD, log_std))),
+            (information * depth - _DEPTH / _DEPTH_STD**2) / own,
+            own**-0.5,
             math.atan2(y, x),
             math.hypot(x, y),
         )
