@@ -1,10 +1,10 @@
 """Method `fusion`: the session model, with the geometry of the contact as one more measurement.
 
-The shape shows the force across the shaft well, and along it hardly. The image at the tip shows the tissue: a network
-reads contact, the direction of the force and the depth of the indentation, each with its uncertainty
+The shape shows the force across the shaft well, and little of the force along it. The image at the tip shows the
+tissue: a network reads contact, the direction of the force and the depth of the indentation, each with its uncertainty
 (`tipforce.vision.contact`). It knows neither stiffness nor tissue; the session learns the tissue's law from frames in
-which the shape shows the force. So direction and depth give the part along the shaft. Where the image shows no tissue,
-and under X-ray, the reading says nothing, and the method is `rod-track`.
+which shape and direction show the force. So direction and depth give the part along the shaft. Where the image shows no
+tissue, and under X-ray, the reading says nothing, and the method is `rod-track`.
 """
 
 from dataclasses import replace
@@ -38,4 +38,6 @@ class Fusion(RodTrack):
     name: ClassVar[str] = "fusion"
     settings_type = FusionSettings
     facts_type = FusionFacts
-    breaks: ClassVar[str] = "Where the line is detected wrongly, or a push along the shaft meets a tissue out of sight."
+    breaks: ClassVar[str] = (
+        "Where the line is detected wrongly, or the tip is pushed along the shaft and no tissue is visible."
+    )

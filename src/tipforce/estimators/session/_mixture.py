@@ -46,7 +46,7 @@ class Evidence(NamedTuple):
     ``log_odds``: logarithm of the Bayes factor of contact; (``towards_x``, ``towards_y``): direction of the force;
     ``strength``: concentration of its von Mises distribution; ``log_unit``: logarithm of this distribution's density
     over that of an even one, in the direction itself; ``density`` (k,): of the depth, at even forces from 0 to the
-    largest, over its mean; ``doubt``: probability that nothing of this holds.
+    largest, over its mean; ``unreliable``: probability that nothing of this holds.
     """
 
     log_odds: float
@@ -55,7 +55,7 @@ class Evidence(NamedTuple):
     strength: float
     log_unit: float
     density: FloatArray
-    doubt: float
+    unreliable: float
 
 
 NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, 0.0, 0.0, np.ones(2), 1.0)
@@ -64,24 +64,24 @@ NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, 0.0, 0.0, np.ones(2), 1.0)
 @njit(cache=True, nogil=True)
 def _agreement(x: float, y: float, size: float, largest_n: float, evidence: Evidence) -> float:
     """Returns the density of the evidence, given a force, over that given any force in contact."""
-    if evidence.doubt >= 1.0:
+    if evidence.unreliable >= 1.0:
         return 1.0
     count = evidence.density.size
     at = size / largest_n * (count - 1)
     below = min(int(at), count - 2)
     part = min(1.0, at - below)
     ratio = (1.0 - part) * evidence.density[below] + part * evidence.density[below + 1]
-    return ((1.0 - evidence.doubt) * ratio + evidence.doubt) * _along(x, y, size, evidence)
+    return ((1.0 - evidence.unreliable) * ratio + evidence.unreliable) * _along(x, y, size, evidence)
 
 
 @njit(cache=True, nogil=True)
 def _along(x: float, y: float, size: float, evidence: Evidence) -> float:
     """Returns the density of the direction that was read, given a force, over that given any force in contact."""
-    if evidence.doubt >= 1.0 or evidence.strength <= 0.0 or size <= 0.0:
+    if evidence.unreliable >= 1.0 or evidence.strength <= 0.0 or size <= 0.0:
         return 1.0
     cosine = (x * evidence.towards_x + y * evidence.towards_y) / size
     ratio = math.exp(evidence.strength * (cosine - 1.0) + evidence.log_unit)
-    return (1.0 - evidence.doubt) * ratio + evidence.doubt
+    return (1.0 - evidence.unreliable) * ratio + evidence.unreliable
 
 
 @njit(cache=True, nogil=True)

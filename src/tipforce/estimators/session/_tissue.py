@@ -2,8 +2,8 @@
 
 A network reads how deep the tip presses into the tissue (`ContactReading`), and knows neither stiffness nor tissue. The
 law of the tissue is one of three (linear, Hertz, exponential) with one of many stiffnesses; each of these hypotheses
-has a probability, which grows where the depths agree with the forces that the shaft shows well. The depth then tells
-the force along the chord, of which the shape tells little.
+has a probability, which grows where the depths agree with the forces that the shaft shows well. The depth then shows
+the force along the chord, of which the shape shows little.
 """
 
 import math
@@ -85,8 +85,8 @@ class Tissue:
         scale = float(likelihood.max())
         if scale <= 0.0 or not math.isfinite(scale):
             return
-        doubt = self._settings.unreliable_share
-        weights = self._weights * ((1.0 - doubt) * likelihood / scale + doubt) ** self._settings.learnt_share
+        unreliable = self._settings.unreliable_share
+        weights = self._weights * ((1.0 - unreliable) * likelihood / scale + unreliable) ** self._settings.learnt_share
         self._weights = np.maximum(weights / weights.sum(), _LEAST_SHARE / weights.size)
         self._weights /= self._weights.sum()
 
@@ -111,7 +111,7 @@ def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, setting
     limit, strength = settings.largest_log_odds, settings.direction_share * reading.strength
     towards = tip_rad - reading.turn_rad
     return Evidence(
-        max(-limit, min(limit, log_odds)),
+        max(0.0, min(limit, log_odds)),
         math.cos(towards),
         math.sin(towards),
         strength,
