@@ -158,6 +158,7 @@ class LinePosterior:
         return Session(
             model, self._modes, self._whiten, state.gain_per_m_deg, state.knob_deg,
             prior.friction * model.dome_m / model.stiffness_nm2, self._settings.huber, prior.largest_force_n,
+            self._settings.across_error_n,
         )  # fmt: skip
 
     def _fit(self, line: Line, state: SessionState, last_n: FloatArray | None) -> Hypotheses:

@@ -166,6 +166,9 @@ class RodSettings(RodFitSettings):
     """Whether `fit` learns priors from sessions with forces: stiffness, knob, clamp and the share of contact. Without
     it the settings hold."""
     contact: ContactSettings = ContactSettings()
+    across_error_n: Annotated[float, Field(ge=0, le=1)] = 0.006
+    """Standard deviation of the force across the chord that is added for an answer: lasting errors of the detected line
+    and of the model that no constant explains (docs/results/session.md)."""
     segments: Annotated[int, Field(ge=8, le=400)] = 40
     """Number of segments of the flexible length."""
     max_misfit: _Std = 2.0

@@ -60,7 +60,8 @@ class Session(NamedTuple):
     ``modes`` (points + 1, modes + `EXTRA`), the last `EXTRA` columns zero; ``whiten`` (points + 1, points + 1);
     ``gain_per_m_deg``, ``knob_deg``: 0 without a knob; ``lever_per_m_n``: curvature per newton at one standard
     deviation of the lever; ``huber``: largest whitened residual that counts with its square; ``largest_n``: upper end
-    of the force's prior. (``c``, ``s``): direction of the chord in the frame of the clamp, see `predict_held`.
+    of the force's prior; ``across_error_n``: see `RodSettings`. (``c``, ``s``): direction of the chord in the frame of
+    the clamp, see `predict_held`.
     """
 
     model: Model
@@ -71,6 +72,7 @@ class Session(NamedTuple):
     lever_per_m_n: float
     huber: float
     largest_n: float
+    across_error_n: float = 0.0
     c: float = 1.0
     s: float = 0.0
 
@@ -451,7 +453,7 @@ def _node(
     solve_in(work.factor, work.step)
     for k in range(count):
         variance += rates[k] * work.step[k]
-    scratch.across_std[place] = math.sqrt(variance)
+    scratch.across_std[place] = math.hypot(math.sqrt(variance), session.across_error_n)
     scratch.forces[place, 0], scratch.forces[place, 1] = reaction_n, q[0]
     scratch.nodes[place, 0] = session.c * q[0] - session.s * reaction_n
     scratch.nodes[place, 1] = session.s * q[0] + session.c * reaction_n
