@@ -3,14 +3,17 @@
     .venv/bin/python -m bench.studies.session_posterior lines --seed 61000 --sessions 16 --out DIR
     .venv/bin/python -m bench.studies.session_posterior detect --seed 61000 --sessions 16 --out DIR
     .venv/bin/python -m bench.studies.session_posterior score --lines DIR --method rod-track --out scores.json
+    .venv/bin/python -m bench.studies.session_posterior images --seed 95000 --sessions 8 --out scores.json
     .venv/bin/python -m bench.studies.session_posterior table scores.json ...
 
 ``lines`` simulates sessions of a preset and draws no image: the true centreline is projected through the true camera
 and gets an error like that of detected lines (`CENTRELINE_NOISE` of ``bench-2021``, the lasting part drawn once a
 session). ``detect`` draws the images (5 a second) and stores the shapes that vision detects in them, hidden tips
 included. ``score`` gives these lines and the knob's readings to a method and keeps its estimate for every
-``--every``-th frame in contact. ``--known`` gives the truth in place of priors: ``base`` (position and direction of the
-base, and the camera), ``knob`` (these and the curvature of the unloaded shaft), ``all`` (these, stiffness and length).
+``--every``-th frame in contact. ``images`` draws the images (5 a second) and gives them to `fusion` without a limit of
+the error, as a user would; with ``--true-lines`` the true line with its error takes the place of detection.
+``--known`` gives the truth in place of priors: ``base`` (position and direction of the base, and the camera), ``knob``
+(these and the curvature of the unloaded shaft), ``all`` (these, stiffness and length).
 ``table`` prints errors in all frames and by force and angle. Coverage is also shown as the range of its standard error
 over sessions, because the errors of a session go together.
 """
@@ -27,6 +30,7 @@ from typing import Any
 import numpy as np
 
 from tipforce.clinical import CONTACT_N
+from tipforce.estimators import Fusion, FusionSettings
 from tipforce.estimators._reading import Abstention
 from tipforce.estimators.session import (
     Detected,
@@ -52,6 +56,9 @@ NARROW_N = 0.1
 """Widest 90 % interval of the estimates that the table also shows alone."""
 NOISE_PRESET, NOISE_PIXEL_M, NOISE_PIXELS = "bench-2021", 0.2e-3, 240.0
 """Preset whose measured line noise is added, its pixel, and the length in px of the lines that it was measured on."""
+
+REACHES_N = (0.15, 0.1, 0.075)
+"""Limits of the interval's reach from the estimate, as ``max_error_n``."""
 
 DETECTED_FPS, DETECTED_S = 5.0, 30.0
 """Rate of the images that are drawn for ``detect``, and the length of the beginning of a session."""
@@ -307,6 +314,50 @@ def score(lines: Lines, method: str, known: str, every: int, draw: int = 0) -> d
     }  # fmt: skip
 
 
+class _GivenLine:
+    """Takes the place of the detection: the line of the frame that is set."""
+
+    def __init__(self, frame: LineFrame) -> None:
+        self.frame = frame
+        self.shape = DetectedShape(Status.NO_CATHETER, "")
+
+    def read(self, observation: Observation) -> Detected | Abstention:
+        """Returns the line."""
+        del observation
+        return Detected(self.shape, self.frame)
+
+
+def score_images(preset: str, seed: int, number: int, *, true_lines: bool) -> dict[str, Any]:
+    """Gives the images of the beginning of a session to `fusion`; returns the scores of all its frames in contact."""
+    bench = SimulatedBench(PRESETS[preset], seed, number)
+    lines, view = Lines._of(bench), bench.views[0]
+    stride = max(1, round(1.0 / (DETECTED_FPS * float(np.median(np.diff(bench.frame_s))))))
+    rows = np.flatnonzero(bench.frame_s < DETECTED_S)[::stride].tolist()
+    first = [bench.frame(rows[k], view).image for k in spread_rows(len(rows)).tolist()]
+    stream: Any = Fusion(FusionSettings(max_error_n=None)).start(lines.info, [] if true_lines else first)
+    given, seen = _GivenLine(frame_of(lines)), lines.seen_px() if true_lines else lines.points_px
+    if true_lines:
+        stream._detection = given
+    kept, found, spent = [], [], []
+    for k in rows:
+        given.shape = DetectedShape(Status.VALID, "", CentrelinePx(seen[k]))
+        observation = Observation(
+            int(lines.time_s[k] * 1e9), {view: bench.frame(k, view).image}, {"knob_deg": float(lines.knob_deg[k])}
+        )
+        start = time.perf_counter()
+        force = stream.update(observation)
+        spent.append(time.perf_counter() - start)
+        if lines.touching[k] and lines.size_n[k] > CONTACT_N:
+            kept.append(k)
+            found.append([*force.force_n[:2].tolist(), *force.magnitude_interval_n.tolist(), force.contact])
+    return {
+        "session": lines.seed, "method": "fusion", "known": "nothing", "ms": 1e3 * float(np.median(spent)),
+        "frame": kept, "force_n": lines.force_n[kept, :2].tolist(), "size_n": lines.size_n[kept].tolist(),
+        "angle_deg": lines.angle_deg[kept].tolist(), "time_s": lines.time_s[kept].tolist(), "estimate": found,
+        "tip_seen": [True] * len(kept),
+    }  # fmt: skip
+
+
 def gathered(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
     """Returns the scores of sessions as arrays."""
     estimate = np.concatenate([np.array(row["estimate"], float).reshape(-1, 5) for row in rows])
@@ -343,11 +394,13 @@ def strata(all_: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Returns which frames are in each row of the table."""
     truth, angle = all_["truth"], all_["angle"]
     width = all_["high"] - all_["low"]
+    reach = np.maximum(all_["high"] - all_["said"], all_["said"] - all_["low"])
     return {
         "all": truth > 0, "below 0.1 N": truth < 0.1, "0.1 to 0.2 N": (truth >= 0.1) & (truth < 0.2),
         "0.2 to 0.3 N": (truth >= 0.2) & (truth < 0.3), "above 0.3 N": truth >= 0.3,
         "within 20 deg": angle < 20, "20 to 50 deg": (angle >= 20) & (angle < 50), "beyond 50 deg": angle >= 50,
         "tip hidden": ~all_["tip_seen"], "interval < 100 mN": width < NARROW_N,
+        **{f"reaches at most {limit} N": reach <= limit for limit in REACHES_N},
     }  # fmt: skip
 
 
@@ -382,7 +435,12 @@ def main() -> None:
     run.add_argument("--every", type=int, default=20)
     run.add_argument("--skip", type=int, default=0, help="number of sessions that are left out first")
     run.add_argument("--limit", type=int, default=1000, help="number of sessions")
-    for step in (*draws, run):
+    shown = steps.add_parser("images")
+    shown.add_argument("--preset", default="varied", choices=list(PRESETS))
+    shown.add_argument("--seed", type=int, default=95000)
+    shown.add_argument("--sessions", type=int, default=8)
+    shown.add_argument("--true-lines", action="store_true")
+    for step in (*draws, run, shown):
         step.add_argument("--out", type=Path, required=True)
     show = steps.add_parser("table")
     show.add_argument("scores", type=Path, nargs="+")
@@ -396,6 +454,12 @@ def main() -> None:
             if not place.exists():
                 place.write_bytes(pickle.dumps(make(options.preset, options.seed, number)))
                 print(place, flush=True)
+    elif options.step == "images":
+        rows = []
+        for k in range(options.sessions):
+            rows.append(score_images(options.preset, options.seed, 5 * k, true_lines=options.true_lines))
+            options.out.write_text(json.dumps(rows) + "\n", encoding="utf-8")
+        print(table(rows))
     elif options.step == "score":
         rows = []
         for place in sorted(options.lines.glob("*.pickle"))[options.skip :][: options.limit]:

@@ -128,8 +128,8 @@ LINE_ERROR = UnknownGroup(
 SHAPE = UnknownGroup(
     "the shape itself",
     (),
-    "push at an angle to the tip's axis: the shape shows a force along the axis least; or estimate with `fusion`, "
-    "which reads the image, too",
+    "push at an angle to the tip's axis: the shape shows a force along the axis least; `fusion` reads the "
+    "image at the tip, too",
 )
 """Not measurable: left when all groups are known, in the direction that the shape shows least; friction at the tip is
 a part."""
