@@ -9,7 +9,7 @@ from tests.oracles.planar_rod import solve_static
 
 from tipforce.estimators.session import Posterior, SessionFilter
 from tipforce.estimators.session._settings import ContactSettings
-from tipforce.estimators.session._tissue import Tissue
+from tipforce.estimators.session._tissue import Tissue, evidence_of
 from tipforce.mechanics import PlanarRod
 from tipforce.types import CentrelinePx, FloatArray
 from tipforce.vision.contact import DEPTH_M, PIXEL_M, SIDE_PX, ContactReading, crop_tip, tip_axis
@@ -92,3 +92,24 @@ def test_the_axis_is_that_of_the_rigid_tip() -> None:
     line = np.column_stack([np.linspace(0.0, 200.0, 64), np.zeros(64)])
     line[-10:, 1] = 0.5 * (line[-10:, 0] - line[-10, 0])
     assert tip_axis(line, 0.13e-3) == pytest.approx(math.atan2(0.5, 1.0), abs=0.05)
+
+
+def test_outputs_like_the_training_images_are_no_measurement() -> None:
+    """A network that sees nothing gives the distribution of its training: it must not count as a reading."""
+    nothing = ContactReading.of(np.array([0.2, 1.31, math.log(0.72), -2.2, 0.0]))
+    assert nothing.strength == pytest.approx(0.0, abs=1e-9)
+    assert nothing.depth_std > 5.0
+    evidence = evidence_of(nothing, 0.3, Tissue(ContactSettings(), 0.8, None), ContactSettings())
+    assert evidence.log_odds == pytest.approx(0.0)
+    assert np.ptp(evidence.density[1:]) < 0.1
+
+
+def test_a_sure_reading_is_kept_and_an_unseen_contact_does_not_count() -> None:
+    sure = ContactReading.of(np.array([-6.0, 2.0, math.log(0.05), -60.0, 20.0]))
+    assert sure.depth == pytest.approx(2.0, abs=0.01)
+    assert sure.depth_std == pytest.approx(0.05, rel=0.01)
+    assert sure.turn_rad == pytest.approx(math.atan2(20.0, -57.8), abs=1e-3)
+    assert sure.contact < 0.01
+    evidence = evidence_of(sure, 0.0, Tissue(ContactSettings(), 0.8, None), ContactSettings())
+    assert evidence.log_odds == 0.0
+    assert evidence.towards_y < 0.0, "v points down in the image, y up in the frame of the clamp"
