@@ -11,7 +11,7 @@ from ._settings import SetOption, settings_from
 
 
 def command(
-    model: Annotated[str, typer.Argument(help="A model folder, pretrained/NAME, rod or fusion; or truth, to compare.")],
+    model: Annotated[str, typer.Argument(help="A model folder or pretrained/NAME; or truth, to compare.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="Where the run goes.")],
     simulated: Annotated[str, typer.Option(metavar="PRESET", help="Which simulated bench.")] = "bench-2021",
     target_n: Annotated[float, typer.Option(min=0.01, help="Force to hold, in N.")] = 0.2,
