@@ -28,8 +28,11 @@ def listener() -> Iterator[socket.socket]:
 
 def received(connection: socket.socket) -> MessageBase:
     def exactly(size: int) -> bytes:
-        data = connection.recv(size, socket.MSG_WAITALL)
-        assert len(data) == size
+        data = b""
+        while len(data) < size:  # with a timeout, `MSG_WAITALL` returns what has arrived
+            part = connection.recv(size - len(data))
+            assert part, "the sink closed the connection within a message"
+            data += part
         return data
 
     fields = MessageBase.parse_header(exactly(MessageBase.IGTL_HEADER_SIZE))
