@@ -4,9 +4,11 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-OUTPUTS = 5
-"""Logit of contact; mean and log standard deviation of ``asinh(depth / DEPTH_M)``; the vector of the direction,
+OUTPUTS = 7
+"""Logits of `CLASSES`; mean and log standard deviation of ``asinh(depth / DEPTH_M)``; the vector of the direction,
 whose length is the concentration of a von Mises distribution."""
+CLASSES = "touched", "clear", "not visible"
+"""The tip touches a tissue that is visible in this session; it does not touch it; the tissue is never visible."""
 
 
 def _unit(inputs: int, outputs: int, stride: int = 1, size: int = 3) -> nn.Sequential:
@@ -51,19 +53,20 @@ class ContactNetwork(nn.Module):
 
 
 def losses(found: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """Returns the three losses (3,) of a batch: contact, depth, direction; the last two count in contact.
+    """Returns the three losses (3,) of a batch: class, depth, direction; the last two count in contact.
 
     Args:
         found: (n, `OUTPUTS`) outputs of the network.
-        truth: (n, 3) contact (0 or 1), transformed depth, direction in rad.
+        truth: (n, 4) contact (0 or 1), transformed depth, direction in rad, whether the tissue is visible (0 or 1).
     """
     touching = truth[:, 0]
     count = touching.sum().clamp(min=1.0)
-    contact = functional.binary_cross_entropy_with_logits(found[:, 0], touching)
-    log_std = found[:, 2].clamp(-4.0, 3.0)
-    error = (found[:, 1] - truth[:, 1]) * torch.exp(-log_std)
+    each = torch.where(truth[:, 3] > 0.5, 1.0 - touching, 2.0).long()
+    contact = functional.cross_entropy(found[:, :3], each)
+    log_std = found[:, 4].clamp(-4.0, 3.0)
+    error = (found[:, 3] - truth[:, 1]) * torch.exp(-log_std)
     depth = log_std + 2.5 * torch.log1p(error.square() / 4.0)  # Student's distribution with 4 degrees of freedom
-    strength = found[:, 3:].norm(dim=1).clamp(min=1e-4)
-    along = found[:, 3] * torch.cos(truth[:, 2]) + found[:, 4] * torch.sin(truth[:, 2])
+    strength = found[:, 5:].norm(dim=1).clamp(min=1e-4)
+    along = found[:, 5] * torch.cos(truth[:, 2]) + found[:, 6] * torch.sin(truth[:, 2])
     direction = torch.log(torch.special.i0e(strength)) + strength - along
     return torch.stack([contact, (touching * depth).sum() / count, (touching * direction).sum() / count])

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tipforce._system.atomic import atomic_path
-from tipforce.simulation import PRESETS, SimulatedBench
+from tipforce.simulation import PRESETS, CameraImaging, SimulatedBench
 from tipforce.simulation.world import FAST
 from tipforce.vision.contact import crop_tip
 
@@ -34,7 +34,8 @@ def draw(preset: str, seed: int, number: int, frames: int) -> dict[str, np.ndarr
 
     Returns:
         ``images`` (n, 168, 168); ``contact`` (n,); ``depth_m`` (n,) indentation; ``angle_rad`` (n,) direction of the
-        force of the tissue from the tip's axis, in the image from u towards v; ``force_n`` (n,) its size in the plane.
+        force of the tissue from the tip's axis, in the image from u towards v; ``force_n`` (n,) its size in the plane;
+        ``visible`` whether the tissue is visible in this session.
     """
     settings = PRESETS[preset]
     world = settings.world.model_copy(update={"seconds": SECONDS})
@@ -50,6 +51,7 @@ def draw(preset: str, seed: int, number: int, frames: int) -> dict[str, np.ndarr
     lines = when.lines_m(times[chosen])
     depth = when.at(contact.indentation_m, times[chosen])
     touching = contact.touching[when.nearest(times[chosen])]
+    visible = isinstance(bench.imaging, CameraImaging) and bench.imaging.scene.tissue.visibility == "in view"
     found: dict[str, list[object]] = {name: [] for name in ("images", "contact", "depth_m", "angle_rad", "force_n")}
     for k, index in enumerate(chosen.tolist()):
         ends = camera.project(lines[k][[-4, -1]])
@@ -65,7 +67,7 @@ def draw(preset: str, seed: int, number: int, frames: int) -> dict[str, np.ndarr
         found["depth_m"].append(float(depth[k]) if there else 0.0)
         found["angle_rad"].append(math.atan2(push[1], push[0]) - angle if there else 0.0)
         found["force_n"].append(size if there else 0.0)
-    return {name: np.array(values) for name, values in found.items()}
+    return {name: np.array(values) for name, values in found.items()} | {"visible": np.array(visible)}
 
 
 def main() -> None:

@@ -21,8 +21,9 @@ from tipforce.training import export_graph
 from tipforce.vision.contact import BEHIND_M, DEPTH_M, PIXEL_M, SIDE_PX
 
 BATCH = 64
-CLEAR_N, SURE = 0.02, 30.0
-"""Least force, N, of the images that are judged, and concentration from which a direction is called sure."""
+CLEAR_N, SURE, SEEN = 0.02, 30.0, 0.9
+"""Least force, N, of the images that are judged; concentration from which a direction is called sure; probability from
+which the tissue is called visible."""
 _TIP = np.array([BEHIND_M / SCENE_PIXEL_M + 0.5 * (SCENE_SIDE_PX - SIDE_PX * PIXEL_M / SCENE_PIXEL_M), 83.5])
 
 
@@ -45,12 +46,13 @@ class Scenes:
                 np.concatenate([part["contact"] for part in parts]).astype(float),
                 np.arcsinh(np.concatenate([part["depth_m"] for part in parts]) / DEPTH_M),
                 np.concatenate([part["angle_rad"] for part in parts]),
+                np.concatenate([np.full(len(part["contact"]), float(part["visible"])) for part in parts]),
             ],
             axis=1,
         )
 
     def batch(self, rows: np.ndarray, rng: np.random.Generator, *, strong: bool) -> tuple[torch.Tensor, torch.Tensor]:
-        """Returns images (n, 1, 112, 112) and truths (n, 3), moved as a detection errs; ``strong``: disturbed too."""
+        """Returns images (n, 1, 112, 112) and truths (n, 4), moved as a detection errs; ``strong``: disturbed too."""
         made = np.empty((len(rows), 1, SIDE_PX, SIDE_PX), np.float32)
         truth = self.truth[rows].copy()
         for k, row in enumerate(rows.tolist()):
@@ -96,16 +98,16 @@ def calibrate(network: ContactNetwork, scenes: Scenes) -> tuple[float, float, fl
     """Scales the outputs so that they are as sure as they are right on sessions that were left out.
 
     Returns:
-        Factors on the logit of contact, the standard deviation of the depth, and the concentration of the direction.
+        Factors on the logits, the standard deviation of the depth, and the concentration of the direction.
     """
     found, truth = outputs(network, scenes)
     touching = truth[:, 0] > 0.5
     factors = torch.tensor(np.geomspace(0.1, 2.0, 61), dtype=torch.float32)
     means = []
     for kept, scale in (
-        (np.ones(len(truth), bool), lambda f, x: torch.cat([f[:, :1] * x, f[:, 1:]], 1)),
-        (touching, lambda f, x: torch.cat([f[:, :2], f[:, 2:3] - torch.log(x), f[:, 3:]], 1)),
-        (touching, lambda f, x: torch.cat([f[:, :3], f[:, 3:] * x], 1)),
+        (np.ones(len(truth), bool), lambda f, x: torch.cat([f[:, :3] * x, f[:, 3:]], 1)),
+        (touching, lambda f, x: torch.cat([f[:, :4], f[:, 4:5] - torch.log(x), f[:, 5:]], 1)),
+        (touching, lambda f, x: torch.cat([f[:, :5], f[:, 5:] * x], 1)),
     ):
         f, t = torch.from_numpy(found[kept]), torch.from_numpy(truth[kept])
         part = torch.stack([losses(scale(f, x), t)[len(means)] for x in factors])
@@ -113,16 +115,16 @@ def calibrate(network: ContactNetwork, scenes: Scenes) -> tuple[float, float, fl
     logit, depth, direction = means
     last = network.head[-1]
     with torch.no_grad():
-        last.weight[0] *= logit
-        last.bias[0] *= logit
-        last.bias[2] -= math.log(depth)
-        last.weight[3:] *= direction
-        last.bias[3:] *= direction
+        last.weight[:3] *= logit
+        last.bias[:3] *= logit
+        last.bias[4] -= math.log(depth)
+        last.weight[5:] *= direction
+        last.bias[5:] *= direction
     return logit, 1.0 / depth, direction
 
 
 def outputs(network: ContactNetwork, scenes: Scenes) -> tuple[np.ndarray, np.ndarray]:
-    """Returns outputs (n, `OUTPUTS`) and truths (n, 3) of all scenes, moved as a detection errs."""
+    """Returns outputs (n, `OUTPUTS`) and truths (n, 4) of all scenes, moved as a detection errs."""
     network.eval()
     rng, found, truth = np.random.default_rng(0), [], []
     with torch.inference_mode():
@@ -136,21 +138,25 @@ def outputs(network: ContactNetwork, scenes: Scenes) -> tuple[np.ndarray, np.nda
 def judge(network: ContactNetwork, scenes: Scenes) -> str:
     """Returns the figures on the scenes, by preset."""
     f, t = outputs(network, scenes)
-    said = 1.0 / (1.0 + np.exp(-f[:, 0]))
-    depth_mm, true_mm = (1e3 * DEPTH_M * np.sinh(values) for values in (f[:, 1], t[:, 1]))
+    said = 1.0 / (1.0 + np.exp(f[:, 1] - f[:, 0]))
+    shares = np.exp(f[:, :3] - f[:, :3].max(axis=1, keepdims=True))
+    seen = 1.0 - shares[:, 2] / shares.sum(axis=1)
+    depth_mm, true_mm = (1e3 * DEPTH_M * np.sinh(values) for values in (f[:, 3], t[:, 1]))
     error_mm = np.abs(depth_mm - true_mm)
-    normalised = np.abs(f[:, 1] - t[:, 1]) / np.exp(np.clip(f[:, 2], -4.0, 3.0))
-    turn = np.arctan2(f[:, 4], f[:, 3]) - t[:, 2]
-    off_deg, strength = np.degrees(np.abs(np.angle(np.exp(1j * turn)))), np.hypot(f[:, 3], f[:, 4])
+    normalised = np.abs(f[:, 3] - t[:, 1]) / np.exp(np.clip(f[:, 4], -4.0, 3.0))
+    turn = np.arctan2(f[:, 6], f[:, 5]) - t[:, 2]
+    off_deg, strength = np.degrees(np.abs(np.angle(np.exp(1j * turn)))), np.hypot(f[:, 5], f[:, 6])
     lines: list[str] = []
     for preset in np.unique(scenes.preset):
         own = scenes.preset == preset
         clear = own & (t[:, 0] > 0.5) & (scenes.force_n > CLEAR_N)
-        sure = clear & (strength > SURE)
+        sure, visible = clear & (strength > SURE), own & (t[:, 3] > 0.5)
         touching = [
-            100 * t[own & kept, 0].mean() if (own & kept).any() else np.nan for kept in (said < 0.05, said > 0.95)
+            100 * t[own & (seen > SEEN) & kept, 0].mean() if (own & (seen > SEEN) & kept).any() else np.nan
+            for kept in (said < 0.05, said > 0.95)
         ]
-        right = 100 * ((said > 0.5) == (t[:, 0] > 0.5))[own].mean()
+        right = 100 * ((said > 0.5) == (t[:, 0] > 0.5))[visible].mean()
+        as_seen = [100 * (seen > SEEN)[kept].mean() if kept.any() else np.nan for kept in (visible, own & ~visible)]
         within = [100 * (normalised[clear] < stds).mean() for stds in (1.0, 2.0)]
         depth, direction, of_sure = (
             f"{np.median(off):.2f}, 90 % {np.quantile(off, 0.9):.2f}" if len(off) else "-"
@@ -158,8 +164,10 @@ def judge(network: ContactNetwork, scenes: Scenes) -> str:
         )
         share = 100 * sure.sum() / max(1, clear.sum())
         lines.append(
-            f"  {preset}, {own.sum()} frames: contact right {right:.1f} %; where its probability is below 0.05 "
-            f"{touching[0]:.1f} % touch, above 0.95 {touching[1]:.1f} %\n"
+            f"  {preset}, {own.sum()} frames: tissue called visible (probability above {SEEN}) in {as_seen[0]:.1f} % "
+            f"where it is visible, {as_seen[1]:.1f} % elsewhere; contact right {right:.1f} % where it is visible; "
+            f"where called visible and the probability of contact is below 0.05 {touching[0]:.1f} % touch, above 0.95 "
+            f"{touching[1]:.1f} %\n"
             f"    depth off by {depth} mm; within one and two stated deviations {within[0]:.0f}, {within[1]:.0f} %\n"
             f"    direction off by {direction} degrees; the surer {share:.0f} %: {of_sure}"
         )
@@ -174,7 +182,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=2e-3)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--bfloat16", action="store_true", help="half the time on processors that have it")
-    parser.add_argument("--begin", type=Path, help="checkpoint of another training to begin with")
+    parser.add_argument("--begin", type=Path, help="checkpoint to begin with; layers of other sizes begin anew")
     parser.add_argument("--resume", action="store_true")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
@@ -199,13 +207,17 @@ def main() -> None:
     elif options.begin:
         stored = torch.load(options.begin, weights_only=True)["average"]
         begun = {name.removeprefix("module."): each for name, each in stored.items() if name.startswith("module.")}
+        own = network.state_dict()
+        begun = own | {name: each for name, each in begun.items() if each.shape == own[name].shape}
         network.load_state_dict(begun)
         average.module.load_state_dict(begun)
-    touching = train.truth[:, 0] > 0.5
+    touching, visible = (train.truth[:, k] > 0.5 for k in (0, 3))
     depth, turn = train.truth[touching, 1], train.truth[touching, 2]
+    each = [(visible & touching).mean(), (visible & ~touching).mean(), (~visible).mean()]
     print(
-        f"share of contact {touching.mean():.3f}; depth, transformed: mean {depth.mean():.2f}, standard deviation "
-        f"{depth.std():.2f}; mean cosine of the direction {np.cos(turn).mean():.3f}"
+        f"shares of the classes {each[0]:.3f}, {each[1]:.3f}, {each[2]:.3f}; depth, transformed: mean "
+        f"{depth.mean():.2f}, standard deviation {depth.std():.2f}; mean cosine of the direction "
+        f"{np.cos(turn).mean():.3f}"
     )
     print(f"{len(train.truth)} images to train on, {len(apart.truth)} apart, {steps} steps an epoch", flush=True)
     for epoch in range(first, options.epochs):

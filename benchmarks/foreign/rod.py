@@ -200,7 +200,7 @@ def _mjcf(rod: Rod, tissue: Tissue | None) -> str:
         wall = f"""<body name="carrier" mocap="true" pos="1 0 0">
           <body name="plate"><joint name="give" type="slide" axis="1 0 0"/>
           <geom name="wall" type="box" size="{a} {b} {c}" pos="{-a} 0 0" mass="{WALL_MASS_KG}"
-            friction="{tissue.friction} 0 0"/></body></body>"""
+            friction="{tissue.friction} 0 0" priority="1"/></body></body>"""  # else the dome's friction of 1 counts
     return f"""<mujoco>
       <extension><plugin plugin="{PLUGIN}"><instance name="cable">
         <config key="twist" value="{modulus / 2.6}"/><config key="bend" value="{modulus}"/>

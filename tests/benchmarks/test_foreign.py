@@ -133,5 +133,8 @@ def test_the_cable_bends_as_the_elastica_and_its_contact_force_is_what_the_clamp
     start = world.end_m - 1e-3 * tissue.normal
     for depth in np.linspace(0.0, 5e-3, 11):
         world.advance(0.02, wall_m=start + depth * tissue.normal)
+        push_n = world.tip_force_n @ tissue.normal
+        across_n = np.linalg.norm(world.tip_force_n - push_n * tissue.normal)
+        assert across_n <= 1.01 * tissue.friction * abs(push_n), "the tissue's friction counts, not the dome's"
     assert np.linalg.norm(world.tip_force_n) > 0.02
     assert world.tip_force_n == pytest.approx(world.base_reaction_n, abs=2e-3)

@@ -13,6 +13,7 @@ from tipforce.estimators.session._tissue import Tissue, evidence_of
 from tipforce.mechanics import PlanarRod
 from tipforce.types import CentrelinePx, FloatArray
 from tipforce.vision.contact import DEPTH_M, PIXEL_M, SIDE_PX, ContactReading, crop_tip, tip_axis
+from tipforce.vision.contact._reading import CLEAR_LOGIT, TOUCHED_LOGIT
 
 
 def reading(
@@ -22,7 +23,7 @@ def reading(
     axis = points[-1] - points[-4]
     direction = math.atan2(-force[1], force[0])
     depth = math.asinh(math.hypot(*force) / stiffness / DEPTH_M)
-    return ContactReading(0.99, depth, 0.1, direction - math.atan2(axis[1], axis[0]) + turned, 150.0)
+    return ContactReading(50.0, 0.5, depth, 0.1, direction - math.atan2(axis[1], axis[0]) + turned, 150.0)
 
 
 def straight_push(state: SessionFilter, read: bool, turned: float = 0.0) -> tuple[Posterior, float]:
@@ -37,7 +38,7 @@ def straight_push(state: SessionFilter, read: bool, turned: float = 0.0) -> tupl
 def test_the_direction_shows_a_push_along_a_straight_shaft() -> None:
     without, _ = straight_push(session(), read=False)
     found, truth = straight_push(session(), read=True)
-    assert width_n(found) < 0.6 * width_n(without)
+    assert width_n(found) < 0.8 * width_n(without)
     assert found.force.low_n[2] < truth < found.force.high_n[2]
     assert math.hypot(*found.force.force_n) == pytest.approx(truth, rel=0.25)
 
@@ -46,6 +47,22 @@ def test_a_direction_that_contradicts_the_shape_widens_the_interval() -> None:
     right, truth = straight_push(session(), read=True)
     wrong, _ = straight_push(session(), read=True, turned=1.2)
     assert wrong.force.low_n[2] < truth < wrong.force.high_n[2] or width_n(wrong) > width_n(right)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7])
+def test_the_session_learns_how_far_the_force_is_from_the_direction_that_is_read(turned: float) -> None:
+    """Friction turns the force from the normal, which is what an image shows."""
+    state = session()
+    least, _, _, largest = state.tissue.direction_shares
+    for k in range(16):
+        size = 0.12 + 0.04 * math.sin(1.7 * k)
+        force = (-0.8 * size, size)
+        points = image_of(force)
+        seen = reading(force, points, turned=turned * (-1.0) ** k)
+        state.step(FRAME.line(CentrelinePx(points)), SCALE, 10.0, 1.0, reading=seen)
+    shares = state.tissue.direction_shares
+    assert (shares[0] > 1.5 * least) == (turned == 0.0)
+    assert (shares[3] > 1.2 * largest) == (turned > 0.0)
 
 
 def test_the_session_learns_the_stiffness_of_the_tissue() -> None:
@@ -65,7 +82,7 @@ def test_the_session_learns_the_stiffness_of_the_tissue() -> None:
 @pytest.mark.parametrize("stated", [None, 80.0])
 def test_the_depth_shows_the_force_where_the_stiffness_is_stated(stated: float | None) -> None:
     tissue = Tissue(ContactSettings(), 0.8, stated)
-    deep = ContactReading(1.0, math.asinh(2e-3 / DEPTH_M), 0.1, 0.0, 0.0)
+    deep = ContactReading(50.0, 0.5, math.asinh(2e-3 / DEPTH_M), 0.1, 0.0, 0.0)
     density = tissue.density(deep)
     likely = tissue.force_n[density > 0.5 * density.max()]
     if stated is None:
@@ -94,9 +111,14 @@ def test_the_axis_is_that_of_the_rigid_tip() -> None:
     assert tip_axis(line, 0.13e-3) == pytest.approx(math.atan2(0.5, 1.0), abs=0.05)
 
 
+def outputs(touched: float, clear: float, *others: float) -> FloatArray:
+    """The network's outputs, with the distribution of its training images added."""
+    return np.array([touched + TOUCHED_LOGIT, clear + CLEAR_LOGIT, 0.0, *others])
+
+
 def test_outputs_like_the_training_images_are_no_measurement() -> None:
     """A network that sees nothing gives the distribution of its training: it must not count as a reading."""
-    nothing = ContactReading.of(np.array([0.2, 1.31, math.log(0.72), -2.2, 0.0]))
+    nothing = ContactReading.of(outputs(0.0, 0.0, 1.31, math.log(0.72), -2.2, 0.0))
     assert nothing.strength == pytest.approx(0.0, abs=1e-9)
     assert nothing.depth_std > 5.0
     evidence = evidence_of(nothing, 0.3, Tissue(ContactSettings(), 0.8, None), ContactSettings())
@@ -104,12 +126,25 @@ def test_outputs_like_the_training_images_are_no_measurement() -> None:
     assert np.ptp(evidence.density[1:]) < 0.1
 
 
-def test_a_sure_reading_is_kept_and_an_unseen_contact_does_not_count() -> None:
-    sure = ContactReading.of(np.array([-6.0, 2.0, math.log(0.05), -60.0, 20.0]))
+def test_a_sure_reading_is_kept() -> None:
+    sure = ContactReading.of(outputs(6.0, 0.0, 2.0, math.log(0.05), -60.0, 20.0))
     assert sure.depth == pytest.approx(2.0, abs=0.01)
     assert sure.depth_std == pytest.approx(0.05, rel=0.01)
     assert sure.turn_rad == pytest.approx(math.atan2(20.0, -57.8), abs=1e-3)
-    assert sure.contact < 0.01
+    assert sure.touched == pytest.approx(math.exp(6.0))
     evidence = evidence_of(sure, 0.0, Tissue(ContactSettings(), 0.8, None), ContactSettings())
-    assert evidence.log_odds == 0.0
+    assert evidence.log_odds > 1.0
     assert evidence.towards_y < 0.0, "v points down in the image, y up in the frame of the clamp"
+
+
+def test_a_missing_contact_counts_only_where_the_session_has_shown_its_tissue() -> None:
+    apart = ContactReading.of(outputs(-6.0, 0.0, 1.31, math.log(0.72), -2.2, 0.0))
+    seen = ContactReading.of(outputs(6.0, 2.0, 1.31, math.log(0.72), -2.2, 0.0))
+    empty = ContactReading.of(outputs(-6.0, -4.0, 1.31, math.log(0.72), -2.2, 0.0))
+    shown, hidden = (Tissue(ContactSettings(), 0.8, None) for _ in range(2))
+    for _ in range(8):
+        shown.look(seen, 0.5)
+        hidden.look(empty, 0.5)
+    assert shown.contact_log_odds(apart) < -3.0
+    assert abs(hidden.contact_log_odds(apart)) < 0.1
+    assert abs(hidden.contact_log_odds(empty)) < 0.1

@@ -114,6 +114,8 @@ class SessionFilter(LinePosterior):
             self._lost_s = math.inf
         contact = round(found.force.contact)
         clear = abs(found.force.contact - contact) < _UNCLEAR and (contact == 1 or fits.free.ok)
+        if reading is not None:
+            self.tissue.look(reading, elapsed_s / settings.update_s if settings.update_s else 1.0)
         if found.explained and clear and self._waited_s >= settings.update_s:
             state.mean, state.covariance = mixed_constants(
                 fits.found,
@@ -129,6 +131,7 @@ class SessionFilter(LinePosterior):
             if reading is not None and contact == 1:
                 forces = np.hypot(*self._scratch.forces[: fits.found].T)
                 self.tissue.learn(reading, forces, self._scratch.by_line[: fits.found])
+                self.tissue.learn_direction(found.force.agreement)
         self._fits, self.newest = fits, found
         return found
 

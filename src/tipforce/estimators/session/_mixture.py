@@ -30,7 +30,8 @@ _NEAR_NOTHING = 0.3
 class Mixed(NamedTuple):
     """``force_n`` (2,), ``covariance_n2`` (2, 2): over contact and none; ``contact``: probability of contact.
 
-    ``low_n``, ``high_n`` (3,): ends of the 90 % intervals of fx, fy and the magnitude.
+    ``low_n``, ``high_n`` (3,): ends of the 90 % intervals of fx, fy and the magnitude. ``agreement`` (k,): likelihood
+    of each error of the direction that was read, by the line alone.
     """
 
     force_n: FloatArray
@@ -38,27 +39,30 @@ class Mixed(NamedTuple):
     contact: float
     low_n: FloatArray
     high_n: FloatArray
+    agreement: FloatArray
 
 
 class Evidence(NamedTuple):
     """Knowledge of the force beside the line.
 
-    ``log_odds``: logarithm of the Bayes factor of contact; (``towards_x``, ``towards_y``): direction of the force;
-    ``strength``: concentration of its von Mises distribution; ``log_unit``: logarithm of this distribution's density
-    over that of an even one, in the direction itself; ``density`` (k,): of the depth, at even forces from 0 to the
-    largest, over its mean; ``unreliable``: probability that nothing of this holds.
+    ``log_odds``: logarithm of the Bayes factor of contact; (``towards_x``, ``towards_y``): direction of the force,
+    whose density is a sum of von Mises distributions with the ``shares`` (k,); ``strengths`` (k,): their
+    concentrations; ``heights`` (k,): their densities over that of an even one, in the direction itself; ``density``
+    (n,): of the depth, at even forces from 0 to the largest, over its mean; ``unreliable``: probability that nothing
+    of this holds.
     """
 
     log_odds: float
     towards_x: float
     towards_y: float
-    strength: float
-    log_unit: float
+    shares: FloatArray
+    strengths: FloatArray
+    heights: FloatArray
     density: FloatArray
     unreliable: float
 
 
-NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, 0.0, 0.0, np.ones(2), 1.0)
+NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, np.ones(1), np.zeros(1), np.ones(1), np.ones(2), 1.0)
 
 
 @njit(cache=True, nogil=True)
@@ -77,11 +81,19 @@ def _agreement(x: float, y: float, size: float, largest_n: float, evidence: Evid
 @njit(cache=True, nogil=True)
 def _along(x: float, y: float, size: float, evidence: Evidence) -> float:
     """Returns the density of the direction that was read, given a force, over that given any force in contact."""
-    if evidence.unreliable >= 1.0 or evidence.strength <= 0.0 or size <= 0.0:
+    if evidence.unreliable >= 1.0 or size <= 0.0:
         return 1.0
-    cosine = (x * evidence.towards_x + y * evidence.towards_y) / size
-    ratio = math.exp(evidence.strength * (cosine - 1.0) + evidence.log_unit)
+    ratio = 0.0
+    for k in range(evidence.shares.size):
+        ratio += evidence.shares[k] * _by(k, x, y, size, evidence)
     return (1.0 - evidence.unreliable) * ratio + evidence.unreliable
+
+
+@njit(cache=True, nogil=True)
+def _by(k: int, x: float, y: float, size: float, evidence: Evidence) -> float:
+    """Returns the density of the direction by one of its distributions, over that of an even one."""
+    cosine = (x * evidence.towards_x + y * evidence.towards_y) / size
+    return evidence.heights[k] * math.exp(evidence.strengths[k] * (cosine - 1.0))
 
 
 @njit(cache=True, nogil=True)
@@ -188,6 +200,7 @@ def mixed_force(
     best = -math.inf
     for i in range(found):
         best = max(best, scratch.weights[i])
+    agreement = np.zeros(evidence.shares.size)
     total = total_own = total_flat = total_agreeing = 0.0
     for i in range(found):
         density, per_m = math.exp(scratch.weights[i] - best), scratch.node_rates[i, 0]
@@ -207,6 +220,8 @@ def mixed_force(
                 shares[k] = density * _ACROSS_SHARE[j] * prior
                 own += shares[k] * _along(x, y, size, evidence)
                 whole += shares[k]
+                for each in range(agreement.size):
+                    agreement[each] += shares[k] * (_by(each, x, y, size, evidence) if size > 0.0 else 1.0)
                 shares[k] *= _agreement(x, y, size, largest_n, evidence)
                 agreeing += shares[k]
         scratch.weights[i], scratch.by_line[i], scratch.shares[i] = flat, own, agreeing
@@ -244,7 +259,11 @@ def mixed_force(
         low[a], high[a] = _quantile(points[a], order, shares, _TAIL), _quantile(points[a], order, shares, 1.0 - _TAIL)
     if contact > 0.0:
         _widen_by_profile(found, c, s, axis_x, axis_y, free, largest_n, evidence, low, high, scratch)
-    return Mixed(mean, spread, contact, low, high)
+    if total > 0.0:
+        agreement /= total
+    else:
+        agreement[:] = 1.0
+    return Mixed(mean, spread, contact, low, high, agreement)
 
 
 @njit(cache=True, nogil=True)

@@ -109,12 +109,17 @@ class ContactSettings(BaseModel):
     """Probability that a reading is wrong by more than the network says."""
     learnt_share: Annotated[float, Field(ge=0, le=1)] = 0.3
     """Weight of a frame that teaches the tissue's law: errors of the shape stay for many frames."""
+    visible_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """Share of sessions in which the tissue is visible."""
+    largest_visible_share: Annotated[float, Field(gt=0, lt=1)] = 0.99
+    """Largest probability that the tissue of a session is visible, after all its images."""
     odds_share: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Share of the network's log odds of contact that counts: its errors stay for many frames."""
     largest_log_odds: _Std = 3.0
     """Largest log odds of contact that count."""
-    direction_share: Annotated[float, Field(ge=0, le=1)] = 0.7
-    """Share of the concentration of the direction that counts: on other benches the network errs more than it says."""
+    direction_errors_rad: tuple[_Std, ...] = (0.05, 0.15, 0.35, 0.8)
+    """Angle between the force and the direction that the network reads, root mean square, by the tissue's friction:
+    each of these is as probable beforehand; the session teaches which it is."""
 
 
 class RodFitSettings(BaseModel):

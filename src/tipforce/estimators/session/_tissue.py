@@ -4,12 +4,15 @@ A network reads how deep the tip presses into the tissue (`ContactReading`), and
 law of the tissue is one of three (linear, Hertz, exponential) with one of many stiffnesses; each of these hypotheses
 has a probability, which grows where the depths agree with the forces that the shaft shows well. The depth then shows
 the force along the chord, of which the shape shows little.
+
+Whether the tissue is visible in the session is learnt too. Only where it is does an image without a contact show that
+there is none.
 """
 
 import math
 
 import numpy as np
-from scipy.special import i0e
+from scipy.special import erf, i0e
 
 from ...types import FloatArray
 from ...vision.contact import DEPTH_M, ContactReading
@@ -23,6 +26,7 @@ _FORCES = 161
 """Number of forces at which the density of a depth is tabulated."""
 _LEAST_SHARE = 1e-5
 """No hypothesis is ever given up."""
+_LEAST_STRENGTH = 1e-6
 _STUDENT = 4.0
 """Degrees of freedom of the depth's error."""
 
@@ -40,6 +44,10 @@ class Tissue:
         settings: the settings.
         largest_n: the prior of the force ends here.
         stated_n_per_m: stiffness that the metadata states; None: none.
+
+    Attributes:
+        force_n: (n,) forces at which the density of a depth is tabulated.
+        direction_shares: (k,) probabilities of ``direction_errors_rad``.
     """
 
     def __init__(self, settings: ContactSettings, largest_n: float, stated_n_per_m: float | None) -> None:
@@ -50,6 +58,8 @@ class Tissue:
             off = np.log(self._stiffness / stated_n_per_m) / settings.stated_stiffness
             weights *= np.exp(-0.5 * off**2)
         self._weights = weights / weights.sum()
+        self._visible = settings.visible_share
+        self.direction_shares = np.full(len(settings.direction_errors_rad), 1.0 / len(settings.direction_errors_rad))
         self.force_n = np.linspace(0.0, largest_n, _FORCES)
         self._expected, self._spread = self._depth_of(self.force_n)
 
@@ -59,6 +69,35 @@ class Tissue:
         share, log = self._weights.sum(axis=0), np.log(self._stiffness)
         mean = float(share @ log)
         return math.exp(mean), math.sqrt(float(share @ (log - mean) ** 2))
+
+    def learn_direction(self, agreement: FloatArray) -> None:
+        """Learns how far the force is from the direction that the network reads.
+
+        Args:
+            agreement: (k,) likelihood of each of ``direction_errors_rad``.
+        """
+        unreliable = self._settings.unreliable_share
+        likelihood = (1.0 - unreliable) * agreement / agreement.max() + unreliable
+        self.direction_shares = self.direction_shares * likelihood**self._settings.learnt_share
+        self.direction_shares /= self.direction_shares.sum()
+
+    def contact_log_odds(self, reading: ContactReading) -> float:
+        """Returns the logarithm of the Bayes factor of contact."""
+        unseen = 1.0 - self._visible
+        return math.log(self._visible * reading.touched + unseen) - math.log(self._visible * reading.clear + unseen)
+
+    def look(self, reading: ContactReading, weight: float) -> None:
+        """Learns from an image whether the tissue is visible in this session.
+
+        Args:
+            reading: the reading.
+            weight: share of the image's information that is new, at most 1: images soon after each other are alike.
+        """
+        largest, least = self._settings.largest_log_odds, 1.0 - self._settings.largest_visible_share
+        evidence = math.log(0.5 * (reading.touched + reading.clear))
+        odds = self._visible / (1.0 - self._visible)
+        odds *= math.exp(min(1.0, weight) * max(-largest, min(largest, evidence)))
+        self._visible = min(1.0 - least, max(least, odds / (1.0 + odds)))
 
     def _depth_of(self, force_n: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns mean and standard deviation of the transformed depth (3, stiffnesses, forces)."""
@@ -106,16 +145,17 @@ def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, setting
         tissue: the law of the tissue.
         settings: weights.
     """
-    share = min(1.0 - 1e-9, max(1e-9, reading.contact))
-    log_odds = settings.odds_share * math.log(share / (1.0 - share))
-    limit, strength = settings.largest_log_odds, settings.direction_share * reading.strength
-    towards = tip_rad - reading.turn_rad
+    log_odds = settings.odds_share * tissue.contact_log_odds(reading)
+    # a tissue pushes: the distributions are those of half a circle
+    limit, towards = settings.largest_log_odds, tip_rad - reading.turn_rad
+    strengths = 1.0 / (1.0 / max(reading.strength, _LEAST_STRENGTH) + np.square(settings.direction_errors_rad))
     return Evidence(
-        max(0.0, min(limit, log_odds)),
+        max(-limit, min(limit, log_odds)),
         math.cos(towards),
         math.sin(towards),
-        strength,
-        -math.log(2.0 * float(i0e(strength))),
+        tissue.direction_shares,
+        strengths,
+        0.5 / i0e(strengths) / np.maximum(0.5, erf(0.5 * math.pi * np.sqrt(0.5 * strengths))),
         tissue.density(reading),
         settings.unreliable_share,
     )
