@@ -24,6 +24,8 @@ BATCH = 64
 CLEAR_N, SURE, SEEN = 0.02, 30.0, 0.9
 """Least force, N, of the images that are judged; concentration from which a direction is called sure; probability from
 which the tissue is called visible."""
+WIDE, WIDE_SHARE = 4.0, 0.3
+"""Errors of a tip that is hidden, in those of one that is seen; its share of the images."""
 _TIP = np.array([BEHIND_M / SCENE_PIXEL_M + 0.5 * (SCENE_SIDE_PX - SIDE_PX * PIXEL_M / SCENE_PIXEL_M), 83.5])
 
 
@@ -56,8 +58,8 @@ class Scenes:
         made = np.empty((len(rows), 1, SIDE_PX, SIDE_PX), np.float32)
         truth = self.truth[rows].copy()
         for k, row in enumerate(rows.tolist()):
-            turn = math.radians(2.0) * rng.standard_normal()
-            wide = 3.0 if rng.random() < 0.05 else 1.0
+            wide = WIDE if rng.random() < WIDE_SHARE else 1.0
+            turn = math.radians(2.0) * rng.standard_normal() * wide
             shift_m = np.array([0.25e-3, 0.1e-3]) * rng.standard_normal(2) * wide
             step = PIXEL_M / SCENE_PIXEL_M * (1.0 + 0.02 * rng.standard_normal())
             mirrored = -1.0 if rng.random() < 0.5 else 1.0

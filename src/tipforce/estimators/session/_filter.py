@@ -104,7 +104,7 @@ class SessionFilter(LinePosterior):
         self._fill_noise(line, stated)
         line = line._replace(crept_per_m=self._crept_per_m)
         fits = self._fit(line, state, self._last_n)
-        found = self._result(fits, self._force(fits, share, reading))
+        found = self._result(fits, self._force(fits, line, share, reading))
         if found.explained:
             self._lost_s = 0.0
             self._follow(found.force, fits, elapsed_s)

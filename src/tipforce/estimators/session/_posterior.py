@@ -8,13 +8,13 @@ import numpy as np
 
 from ...mechanics.planar import FORCE, Line, Model, fit_line, inverse, loaded_point_aside, make_work, solve_in
 from ...types import FloatArray, SessionInfo
-from ...vision.contact import ContactReading
+from ...vision.contact import ContactReading, tip_axis
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
 from ._lines import POINTS, StatedErrors
 from ._mixture import NO_EVIDENCE, Mixed, mixed_force
 from ._noise_level import noisier
 from ._settings import RodSettings
-from ._state import COUNT, K0, ROD, SessionState, X, fill_camera_modes, line_modes
+from ._state import ANGLE, COUNT, K0, ROD, SessionState, X, fill_camera_modes, line_modes
 from ._tissue import Tissue, evidence_of
 from ._walk import ALONG, Fit, Session, make_scratch, relax, walk
 
@@ -120,7 +120,7 @@ class LinePosterior:
         self._lay_out_noise(level, begins=True)
         self._fill_noise(line, stated)
         fits = self._fit(line, state, None)
-        return self._result(fits, self._force(fits, self._knowledge.contact_share, reading))
+        return self._result(fits, self._force(fits, line, self._knowledge.contact_share, reading))
 
     def _new_state(self, knob_deg: float) -> SessionState:
         """Returns the state of a session that begins."""
@@ -232,11 +232,12 @@ class LinePosterior:
             starts.append(start)
         return starts[0], starts[1]
 
-    def _force(self, fits: Hypotheses, share: float, reading: ContactReading | None) -> Mixed:
+    def _force(self, fits: Hypotheses, line: Line, share: float, reading: ContactReading | None) -> Mixed:
         angle = float(self._shapes["touch" if fits.found else "free"][-1])
         evidence = NO_EVIDENCE
-        if reading is not None:
-            evidence = evidence_of(reading, angle, self.tissue, self._settings.contact)
+        if reading is not None:  # its direction counts from the axis of the line, which is not that of the rod
+            axis_rad = tip_axis(line.points, 1.0) - float((fits.touch_q if fits.found else fits.free_q)[ANGLE])
+            evidence = evidence_of(reading, axis_rad, self.tissue, self._settings.contact)
         return mixed_force(
             fits.found, fits.step_n, fits.c, fits.s, angle, fits.free, math.log(share / (1.0 - share)),
             self._settings.prior.largest_force_n, evidence, self._scratch,

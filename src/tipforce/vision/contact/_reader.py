@@ -14,7 +14,8 @@ from ._reading import ContactReading
 _AXIS_M = 4e-3
 """Length of the end of the line whose chord is the tip's axis."""
 _LARGEST_TIP_STD_M = 1e-3
-"""A tip that is known less exactly is not read: the training moved it by 0.25 mm, in one image of 20 by 0.75 mm."""
+"""A tip that is known less exactly is not read: what is read at hidden tips narrowed wrong intervals
+(docs/log.md)."""
 
 
 def tip_axis(points_px: FloatArray, metres_per_px: float) -> float:
@@ -22,7 +23,7 @@ def tip_axis(points_px: FloatArray, metres_per_px: float) -> float:
 
     Args:
         points_px: (n, 2) centreline from base to tip.
-        metres_per_px: scale of the image.
+        metres_per_px: scale of the points: 1 if they are in m.
     """
     apart = points_px[-1] - points_px
     far = np.flatnonzero(np.hypot(apart[:, 0], apart[:, 1]) * metres_per_px > _AXIS_M)
