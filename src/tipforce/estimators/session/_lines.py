@@ -82,7 +82,7 @@ class StatedErrors:
             covariance = shape.covariance_px2[at]
             std_px[:-1] = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
             std_px[-1] = math.sqrt(float(tangent[-1] @ covariance[-1] @ tangent[-1]))
-        if not shape.tip_seen and shape.diameter_px and seen[at].any():
+        if not shape.tip_seen and math.isfinite(shape.diameter_px) and seen[at].any():
             arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))[at] / shape.diameter_px
             before_end = np.maximum(arc[seen[at]][-1] - arc, 0.0)
             hidden_end = _HIDDEN_END_ERROR * shape.diameter_px * np.exp(-before_end / _HIDDEN_END_LENGTH)
