@@ -152,7 +152,7 @@ class ControlLoop:
         self._touch_mm = self._follow = 0.0
         self._slack_mm = 0.0
         """Distance that the tip may go beyond the limit by the plausible walls; it grows while there is no contact."""
-        self._excess: deque[tuple[float, float]] = deque()
+        self._excess: deque[tuple[float, float, float]] = deque()
         self._forces: deque[tuple[float, float]] = deque()
         self._distances: deque[tuple[float, float]] = deque()
         """Time in s and distance of the force from the target in N; `held` uses them."""
@@ -222,9 +222,9 @@ class ControlLoop:
             force_n = estimate.magnitude_n if estimate.valid else 0.5 * (low + high)
             if math.isfinite(force_n):
                 sigma_n = float(high - low) / _INTERVAL_SIGMAS if math.isfinite(high - low) else 0.0
-                self._take(Sample(at_s, float(force_n), sigma_n, self._position_at(at_s)), estimate.valid)
+                self._take(Sample(at_s, float(force_n), sigma_n, self._position_at(at_s)), float(high), estimate.valid)
 
-    def _take(self, sample: Sample, valid: bool) -> None:
+    def _take(self, sample: Sample, high_n: float, valid: bool) -> None:
         """Takes a sample; one that is not ``valid`` is the middle of an abstained interval, with its width.
 
         Without such samples the model of the wall would know small forces only, since large ones are often uncertain.
@@ -250,7 +250,7 @@ class ControlLoop:
         elif self.state is ControlState.CONTACT:
             self._touch(sample)
         else:
-            self._excess.append((sample.time_s, sample.force_n - self._target_n))
+            self._excess.append((sample.time_s, sample.force_n - self._target_n, high_n - self._target_n))
             while self._excess[0][0] < sample.time_s - _EXCESS_S:
                 self._excess.popleft()
             if not self._observer.locked and self._calm(sample.time_s):
@@ -290,7 +290,7 @@ class ControlLoop:
     def _calm(self, now_s: float) -> bool:
         """Returns whether the force was near the wanted one for `_EXCESS_S`: model and rate are then right."""
         enough = now_s - self._excess[0][0] >= 0.9 * _EXCESS_S and self._target_n >= self.settings.target_n
-        return enough and max(abs(excess) for _, excess in self._excess) < _MAX_CALM_ERROR_SHARE * self._target_n
+        return enough and max(abs(excess) for _, excess, _ in self._excess) < _MAX_CALM_ERROR_SHARE * self._target_n
 
     @property
     def held(self) -> bool:
@@ -436,10 +436,10 @@ class ControlLoop:
     def _raise_target(self, dt_s: float) -> None:
         """Moves the wanted force toward the target, as far as its excess over the wanted force fits below the limit."""
         settings = self.settings
-        largest = max((excess for _, excess in self._excess), default=0.0)
+        largest = max((excess for _, _, excess in self._excess), default=0.0)
         room = self.safety.limit_n - settings.reserve * max(largest, 0.0)
         if self._excess:  # repeated loss of contact shows that the motion of the wall is not known yet
-            touching = sum(excess > settings.contact_n - self._target_n for _, excess in self._excess)
+            touching = sum(excess > settings.contact_n - self._target_n for _, excess, _ in self._excess)
             share = (touching / len(self._excess) - _LOST_SHARE) / (_KEPT_SHARE - _LOST_SHARE)
             room = min(room, settings.target_n * share)
         goal = min(settings.target_n, self.safety.limit_n, max(room, _MIN_TARGET_SHARE * settings.target_n))
