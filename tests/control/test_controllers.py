@@ -1,6 +1,7 @@
 """Controllers on analytic plants: they hold the force, learn gain, rate and wall, and do not wind up."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,11 @@ from tipforce.control import (
     ControlState,
     ObserverSettings,
     ProportionalIntegral,
+    SafetyAction,
     Sample,
     WallObserver,
 )
+from tipforce.types import ForceEstimate
 
 
 def held(bench, seconds: float) -> np.ndarray:
@@ -38,6 +41,21 @@ def test_heart_and_breath_are_rejected_at_the_rate_that_was_measured(
     assert np.sqrt(np.mean((force - 0.2) ** 2)) < 0.012
     assert made.ticks[-1].heart_hz == pytest.approx(heart_hz, abs=0.02)
     assert max(made.forces) < 0.4
+
+
+@pytest.mark.parametrize("controller", ["pi", "periodic"])
+def test_the_wanted_force_stays_where_the_upper_end_of_the_interval_is_below_the_limit(
+    bench: Callable, controller: str
+) -> None:
+    made = bench(controller=controller, gain_n_per_mm=0.05)
+
+    def widened(estimate: ForceEstimate) -> ForceEstimate:
+        return replace(estimate, magnitude_interval_n=estimate.magnitude_n * np.array([0.6, 2.2]))
+
+    made.spoil = widened
+    force = held(made, 4.0)
+    assert 0.13 < force.min() < force.max() < 0.18, "at 0.2 N the interval would reach to 0.44 N"
+    assert not any(tick.applied.action is SafetyAction.RETRACT for tick in made.ticks[500:])
 
 
 def test_without_rejection_the_same_wall_shakes_the_force_several_times_as_much(bench: Callable) -> None:

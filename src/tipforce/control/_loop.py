@@ -29,6 +29,8 @@ _MIN_FOLLOWED_SHARE = 0.85
 """The hold may begin when this share of the wall's motion is followed."""
 _EXCESS_S = 2.0
 """Time over which the excess of the force lowers the wanted force."""
+_UPPER_RESERVE = 1.05
+"""The upper end of the force, times this factor, must be below the limit at the wanted force."""
 _FALL_RATIO = 5.0
 """Ratio of the rate at which the wanted force falls to that at which it rises."""
 _MAX_CALM_ERROR_SHARE = 0.4
@@ -152,7 +154,9 @@ class ControlLoop:
         self._touch_mm = self._follow = 0.0
         self._slack_mm = 0.0
         """Distance that the tip may go beyond the limit by the plausible walls; it grows while there is no contact."""
-        self._excess: deque[tuple[float, float, float]] = deque()
+        self._excess: deque[tuple[float, float]] = deque()
+        self._reach: deque[tuple[float, float]] = deque()
+        """Time in s and upper end of the interval over the wanted force."""
         self._forces: deque[tuple[float, float]] = deque()
         self._distances: deque[tuple[float, float]] = deque()
         """Time in s and distance of the force from the target in N; `held` uses them."""
@@ -250,9 +254,11 @@ class ControlLoop:
         elif self.state is ControlState.CONTACT:
             self._touch(sample)
         else:
-            self._excess.append((sample.time_s, sample.force_n - self._target_n, high_n - self._target_n))
+            self._excess.append((sample.time_s, sample.force_n - self._target_n))
+            self._reach.append((sample.time_s, high_n / self._target_n))
             while self._excess[0][0] < sample.time_s - _EXCESS_S:
                 self._excess.popleft()
+                self._reach.popleft()
             if not self._observer.locked and self._calm(sample.time_s):
                 self._observer.lock()
             if valid:
@@ -290,7 +296,7 @@ class ControlLoop:
     def _calm(self, now_s: float) -> bool:
         """Returns whether the force was near the wanted one for `_EXCESS_S`: model and rate are then right."""
         enough = now_s - self._excess[0][0] >= 0.9 * _EXCESS_S and self._target_n >= self.settings.target_n
-        return enough and max(abs(excess) for _, excess, _ in self._excess) < _MAX_CALM_ERROR_SHARE * self._target_n
+        return enough and max(abs(excess) for _, excess in self._excess) < _MAX_CALM_ERROR_SHARE * self._target_n
 
     @property
     def held(self) -> bool:
@@ -434,12 +440,14 @@ class ControlLoop:
         return self._observer.excess_mm(times_s, positions_mm, self.safety.limit_n / settings.reserve, _WALL_SIGMAS)
 
     def _raise_target(self, dt_s: float) -> None:
-        """Moves the wanted force toward the target, as far as its excess over the wanted force fits below the limit."""
+        """Moves the wanted force toward the target, as far as excess and upper end of the force fit below the limit."""
         settings = self.settings
-        largest = max((excess for _, _, excess in self._excess), default=0.0)
+        largest = max((excess for _, excess in self._excess), default=0.0)
         room = self.safety.limit_n - settings.reserve * max(largest, 0.0)
+        if self._reach:  # an upper end above the limit would draw the catheter back, and contact would be lost
+            room = min(room, self.safety.limit_n / (_UPPER_RESERVE * max(1.0, *(reach for _, reach in self._reach))))
         if self._excess:  # repeated loss of contact shows that the motion of the wall is not known yet
-            touching = sum(excess > settings.contact_n - self._target_n for _, excess, _ in self._excess)
+            touching = sum(excess > settings.contact_n - self._target_n for _, excess in self._excess)
             share = (touching / len(self._excess) - _LOST_SHARE) / (_KEPT_SHARE - _LOST_SHARE)
             room = min(room, settings.target_n * share)
         goal = min(settings.target_n, self.safety.limit_n, max(room, _MIN_TARGET_SHARE * settings.target_n))
