@@ -29,7 +29,7 @@ _MIN_FOLLOWED_SHARE = 0.85
 """The hold may begin when this share of the wall's motion is followed."""
 _EXCESS_S = 2.0
 """Time over which the excess of the force lowers the wanted force."""
-_UPPER_RESERVE = 1.05
+_UPPER_RESERVE = 1.1
 """The upper end of the force, times this factor, must be below the limit at the wanted force."""
 _FALL_RATIO = 5.0
 """Ratio of the rate at which the wanted force falls to that at which it rises."""
@@ -155,8 +155,8 @@ class ControlLoop:
         self._slack_mm = 0.0
         """Distance that the tip may go beyond the limit by the plausible walls; it grows while there is no contact."""
         self._excess: deque[tuple[float, float]] = deque()
-        self._reach: deque[tuple[float, float]] = deque()
-        """Time in s and upper end of the interval over the wanted force."""
+        self._reaches: deque[tuple[float, float, float]] = deque()
+        """Upper end of the interval, force, and its excess over the wanted force, N, at the times of ``_excess``."""
         self._forces: deque[tuple[float, float]] = deque()
         self._distances: deque[tuple[float, float]] = deque()
         """Time in s and distance of the force from the target in N; `held` uses them."""
@@ -255,10 +255,10 @@ class ControlLoop:
             self._touch(sample)
         else:
             self._excess.append((sample.time_s, sample.force_n - self._target_n))
-            self._reach.append((sample.time_s, high_n / self._target_n))
+            self._reaches.append((high_n, sample.force_n, sample.force_n - self._target_n))
             while self._excess[0][0] < sample.time_s - _EXCESS_S:
                 self._excess.popleft()
-                self._reach.popleft()
+                self._reaches.popleft()
             if not self._observer.locked and self._calm(sample.time_s):
                 self._observer.lock()
             if valid:
@@ -444,8 +444,9 @@ class ControlLoop:
         settings = self.settings
         largest = max((excess for _, excess in self._excess), default=0.0)
         room = self.safety.limit_n - settings.reserve * max(largest, 0.0)
-        if self._reach:  # an upper end above the limit would draw the catheter back, and contact would be lost
-            room = min(room, self.safety.limit_n / (_UPPER_RESERVE * max(1.0, *(reach for _, reach in self._reach))))
+        if self._reaches:  # an upper end above the limit would draw the catheter back, and contact would be lost
+            high_n, force_n, excess_n = max(self._reaches)
+            room = min(room, self.safety.limit_n * force_n / (_UPPER_RESERVE * max(high_n, 1e-9)) - excess_n)
         if self._excess:  # repeated loss of contact shows that the motion of the wall is not known yet
             touching = sum(excess > settings.contact_n - self._target_n for _, excess in self._excess)
             share = (touching / len(self._excess) - _LOST_SHARE) / (_KEPT_SHARE - _LOST_SHARE)
