@@ -4,9 +4,10 @@
         [--seconds S] [--regimes perpendicular oblique lateral] [--controllers none pi periodic] [--preset bench-2021]
         [--tissue own|stated|varied] [--out FILE]
 
-Each line of FILE (JSON) is one run; a run that is in FILE already is not run again. Without control the catheter rests
-where the mean force is the target, and the limit is lifted, so that it is never drawn back. The table at the end has
-medians and worst values of the sessions.
+Each line of FILE (JSON) is one run; a run that is in FILE already is not run again. ``end_*`` are of the last S seconds
+of a run: wanted and true force in the mean, and the rms between them. Without control the catheter rests where the mean
+force is the target, and the limit is lifted, so that it is never drawn back. The table at the end has medians and worst
+values of the sessions.
 """
 
 import argparse
@@ -76,8 +77,15 @@ def one(job: dict[str, object], seconds: float) -> dict[str, object]:
         seconds=seconds,
     )
     about = {name: round(float(run.values[name]), 3) for name in ("contact_angle_deg", "wall_stiffness_n_per_m")}
+    last = run.time_s > run.time_s[-1] - seconds
+    wanted_n = np.array([tick.target_n for tick in run.ticks])[last]
+    end = {
+        "end_wanted_n": round(float(np.mean(wanted_n)), 4),
+        "end_force_n": round(float(np.mean(run.true_n[last])), 4),
+        "end_rms_n": round(float(np.sqrt(np.mean((run.true_n[last] - wanted_n) ** 2))), 4),
+    }
     gain = {"gain_n_per_mm": run.ticks[-1].gain_n_per_mm, "heart_hz": run.ticks[-1].heart_hz}
-    return {**job, **about, **gain, **run.figures(seconds), "cpu_s": round(time.process_time() - begun, 1)}
+    return {**job, **about, **gain, **end, **run.figures(seconds), "cpu_s": round(time.process_time() - begun, 1)}
 
 
 def table(rows: list[dict[str, object]]) -> str:

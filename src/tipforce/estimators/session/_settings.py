@@ -117,7 +117,7 @@ class ContactSettings(BaseModel):
     """Share of the network's log odds of contact that counts: its errors stay for many frames."""
     largest_log_odds: _Std = 3.0
     """Largest log odds of contact that count."""
-    direction_errors_rad: tuple[_Std, ...] = (0.05, 0.15, 0.35, 0.8)
+    direction_errors_rad: Annotated[tuple[_Std, ...], Field(min_length=1)] = (0.05, 0.15, 0.35, 0.8)
     """Angle between the force and the direction that the network reads, root mean square, by the tissue's friction:
     each of these is as probable beforehand; the session teaches which it is."""
 
