@@ -29,6 +29,8 @@ _MIN_FOLLOWED_SHARE = 0.85
 """The hold may begin when this share of the wall's motion is followed."""
 _EXCESS_S = 2.0
 """Time over which the excess of the force lowers the wanted force."""
+_UPPER_RESERVE = 1.2
+"""The upper end of the interval, times this factor, must fit below the limit at the wanted force."""
 _FALL_RATIO = 5.0
 """Ratio of the rate at which the wanted force falls to that at which it rises."""
 _MAX_CALM_ERROR_SHARE = 0.4
@@ -444,7 +446,7 @@ class ControlLoop:
         room = self.safety.limit_n - settings.reserve * max(largest, 0.0)
         if self._reaches:  # an upper end above the limit would draw the catheter back, and contact would be lost
             high_n, force_n, excess_n = max(self._reaches)
-            room = min(room, self.safety.limit_n * force_n / (settings.reserve * max(high_n, 1e-9)) - excess_n)
+            room = min(room, self.safety.limit_n * force_n / (_UPPER_RESERVE * max(high_n, 1e-9)) - excess_n)
         if self._excess:  # repeated loss of contact shows that the motion of the wall is not known yet
             touching = sum(excess > settings.contact_n - self._target_n for _, excess in self._excess)
             share = (touching / len(self._excess) - _LOST_SHARE) / (_KEPT_SHARE - _LOST_SHARE)

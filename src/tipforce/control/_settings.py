@@ -109,8 +109,7 @@ class ControlSettings(_Settings):
     """Rate at which the wanted force rises to the target; it falls five times as fast."""
     reserve: _Positive = 1.3
     """The largest excess of the force in the last seconds, times this factor, must fit between the wanted force and the
-    limit; and neither the upper end of the interval nor a plausible wall may reach more than the limit divided by it.
-    """
+    limit; and no plausible wall may make more force than the limit divided by this factor."""
     drive_delay_s: _Seconds = 30e-3
     """Time from a command until the clamp is at its position, delay and lag together; the controller compensates it."""
     loop_delay_s: _Positive = 0.12
