@@ -93,7 +93,7 @@ def _estimates(model: str, recordings: Sequence[Path], reasons: Counter[str]) ->
 def _trained(model: str, recordings: Sequence[Path], folder: Path) -> Estimator:
     if model == "constant:half":
         return Constant().fit(join([tipforce.open_dataset(path) for path in recordings]))
-    return tipforce.train(list(recordings), folder / "model", estimator="svr").estimator
+    return tipforce.train(list(recordings), folder / "model", estimator="svr", max_left_out=1.0).estimator
 
 
 def _rows(estimator: Estimator, recording: Path, reasons: Counter[str]) -> FloatArray:

@@ -14,8 +14,7 @@ from ._reading import ContactReading
 _AXIS_M = 4e-3
 """Length of the end of the line whose chord is the tip's axis."""
 _LARGEST_TIP_STD_M = 1e-3
-"""A tip that is known less exactly is not read: what is read at hidden tips narrowed wrong intervals
-(docs/log.md)."""
+"""A tip that is known less exactly is not read: readings at hidden tips made wrong intervals narrower (docs/log.md)."""
 
 
 def tip_axis(points_px: FloatArray, metres_per_px: float) -> float:
