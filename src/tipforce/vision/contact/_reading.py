@@ -54,7 +54,8 @@ class ContactReading:
             information, own = _DEPTH_STD**-2 + _NO_DEPTH_STD**-2, _NO_DEPTH_STD**-2
             depth = _DEPTH
         return cls(
-            *(math.exp(max(-_LARGEST_LOGIT, min(_LARGEST_LOGIT, each))) for each in (touched, clear)),
+            math.exp(max(-_LARGEST_LOGIT, min(_LARGEST_LOGIT, touched))),
+            math.exp(max(-_LARGEST_LOGIT, min(_LARGEST_LOGIT, clear))),
             (information * depth - _DEPTH / _DEPTH_STD**2) / own,
             own**-0.5,
             math.atan2(y, x),
