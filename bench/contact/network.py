@@ -5,10 +5,9 @@ from torch import nn
 from torch.nn import functional
 
 OUTPUTS = 7
-"""Logits of `CLASSES`; mean and log standard deviation of ``asinh(depth / DEPTH_M)``; the vector of the direction,
-whose length is the concentration of a von Mises distribution."""
-CLASSES = "touched", "clear", "not visible"
-"""The tip touches a tissue that is visible in this session; it does not touch it; the tissue is never visible."""
+"""Logits of three classes: the tip touches a tissue that is visible in this session, it does not touch it, the tissue
+of this session is never visible; mean and log standard deviation of ``asinh(depth / DEPTH_M)``; the vector of the
+direction, whose length is the concentration of a von Mises distribution."""
 
 
 def _unit(inputs: int, outputs: int, stride: int = 1, size: int = 3) -> nn.Sequential:

@@ -2,7 +2,8 @@
 
     python -m bench.contact.train SCENES --epochs 16 --out contact.onnx [--resume]
 
-The graph that comes with tipforce had 14 epochs, then 6, 8 and 8 more with ``--begin`` at ``--rate 1e-3``.
+The graph that comes with tipforce had 14 epochs, then 6, 8 and 8 more with ``--begin`` at ``--rate 1e-3``; the
+first 20 knew contact or none in place of the three classes.
 
 Every tenth session is left out; after each epoch its figures are printed, and a checkpoint is written beside the graph.
 """

@@ -6,6 +6,7 @@ from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -111,6 +112,15 @@ class ControlTick:
     heart_hz: float
 
 
+class _Reach(NamedTuple):
+    """Force of one estimate in hold, upper end of its interval, and excess over the force wanted at that time, N."""
+
+    time_s: float
+    force_n: float
+    high_n: float
+    excess_n: float
+
+
 class ControlLoop:
     """Holds a force with drives along a path, by the estimates that it is given.
 
@@ -154,9 +164,7 @@ class ControlLoop:
         self._touch_mm = self._follow = 0.0
         self._slack_mm = 0.0
         """Distance that the tip may go beyond the limit by the plausible walls; it grows while there is no contact."""
-        self._excess: deque[tuple[float, float]] = deque()
-        self._reaches: deque[tuple[float, float, float]] = deque()
-        """Upper end of the interval, force, and its excess over the wanted force, N, at the times of ``_excess``."""
+        self._recent: deque[_Reach] = deque()
         self._forces: deque[tuple[float, float]] = deque()
         self._distances: deque[tuple[float, float]] = deque()
         """Time in s and distance of the force from the target in N; `held` uses them."""
@@ -254,11 +262,9 @@ class ControlLoop:
         elif self.state is ControlState.CONTACT:
             self._touch(sample)
         else:
-            self._excess.append((sample.time_s, sample.force_n - self._target_n))
-            self._reaches.append((high_n, sample.force_n, sample.force_n - self._target_n))
-            while self._excess[0][0] < sample.time_s - _EXCESS_S:
-                self._excess.popleft()
-                self._reaches.popleft()
+            self._recent.append(_Reach(sample.time_s, sample.force_n, high_n, sample.force_n - self._target_n))
+            while self._recent[0].time_s < sample.time_s - _EXCESS_S:
+                self._recent.popleft()
             if not self._observer.locked and self._calm(sample.time_s):
                 self._observer.lock()
             if valid:
@@ -295,8 +301,8 @@ class ControlLoop:
 
     def _calm(self, now_s: float) -> bool:
         """Returns whether the force was near the wanted one for `_EXCESS_S`: model and rate are then right."""
-        enough = now_s - self._excess[0][0] >= 0.9 * _EXCESS_S and self._target_n >= self.settings.target_n
-        return enough and max(abs(excess) for _, excess in self._excess) < _MAX_CALM_ERROR_SHARE * self._target_n
+        enough = now_s - self._recent[0].time_s >= 0.9 * _EXCESS_S and self._target_n >= self.settings.target_n
+        return enough and max(abs(each.excess_n) for each in self._recent) < _MAX_CALM_ERROR_SHARE * self._target_n
 
     @property
     def held(self) -> bool:
@@ -442,14 +448,16 @@ class ControlLoop:
     def _raise_target(self, dt_s: float) -> None:
         """Moves the wanted force toward the target, as far as excess and upper end of the force fit below the limit."""
         settings = self.settings
-        largest = max((excess for _, excess in self._excess), default=0.0)
+        largest = max((each.excess_n for each in self._recent), default=0.0)
         room = self.safety.limit_n - settings.reserve * max(largest, 0.0)
-        if self._reaches:  # an upper end above the limit would draw the catheter back, and contact would be lost
-            high_n, force_n, excess_n = max(self._reaches)
-            room = min(room, self.safety.limit_n * force_n / (_UPPER_RESERVE * max(high_n, 1e-9)) - excess_n)
-        if self._excess:  # repeated loss of contact shows that the motion of the wall is not known yet
-            touching = sum(excess > settings.contact_n - self._target_n for _, excess in self._excess)
-            share = (touching / len(self._excess) - _LOST_SHARE) / (_KEPT_SHARE - _LOST_SHARE)
+        if self._recent:
+            # an upper end above the limit would draw the catheter back, and contact would be lost
+            top = max(self._recent, key=lambda each: each.high_n)
+            share_n = self.safety.limit_n * top.force_n / (_UPPER_RESERVE * max(top.high_n, 1e-9))
+            room = min(room, share_n - top.excess_n)
+            # repeated loss of contact shows that the motion of the wall is not known yet
+            touching = sum(each.excess_n > settings.contact_n - self._target_n for each in self._recent)
+            share = (touching / len(self._recent) - _LOST_SHARE) / (_KEPT_SHARE - _LOST_SHARE)
             room = min(room, settings.target_n * share)
         goal = min(settings.target_n, self.safety.limit_n, max(room, _MIN_TARGET_SHARE * settings.target_n))
         rise = settings.ramp_n_per_s * dt_s

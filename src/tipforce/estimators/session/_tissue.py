@@ -5,8 +5,8 @@ law of the tissue is one of three (linear, Hertz, exponential) with one of many 
 has a probability, which grows where the depths agree with the forces that the shaft shows well. The depth then shows
 the force along the chord, of which the shape shows little.
 
-Whether the tissue is visible in the session is learnt too. Only where it is does an image without a contact show that
-there is none.
+The session also learns whether its tissue is visible. An image of a visible tissue that is not touched shows that there
+is no contact; an image without a visible tissue shows nothing.
 """
 
 import math
