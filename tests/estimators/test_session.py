@@ -1,7 +1,6 @@
 """`rod-track`: the force integrated where the shape shows least of it, over a session's constants."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from tipforce.estimators.session import (
     noise_unit_m,
     rod_model,
 )
-from tipforce.estimators.session._lines import StatedErrors
 from tipforce.estimators.session._mixture import NO_EVIDENCE, _widen_by_profile
 from tipforce.estimators.session._noise_level import NoiseLevel
 from tipforce.estimators.session._state import (
@@ -271,19 +269,6 @@ def test_the_guess_of_a_hidden_end_does_not_count(force: tuple[float, float]) ->
     assert hidden.explained
     assert misled.force.force_n == pytest.approx(hidden.force.force_n, abs=2e-3)
     assert hidden.force.low_n[2] < math.hypot(*force) < hidden.force.high_n[2]
-
-
-def test_the_seen_end_before_a_hidden_tip_weighs_less() -> None:
-    shape = replace(hidden_end(image_of((-0.1, 0.1))), diameter_px=10.0)
-    errors, stated = StatedErrors.of(shape), StatedErrors.of(replace(shape, diameter_px=math.nan))
-    assert errors is not None
-    assert stated is not None
-    larger = (errors.std_px / stated.std_px)[:-1][stated.seen[:-1]]
-    assert larger[-1] > 10.0
-    assert larger[0] == pytest.approx(1.0, abs=0.01)
-    all_seen = StatedErrors.of(replace(shape, seen=np.ones(64, np.bool_)))
-    assert all_seen is not None
-    np.testing.assert_array_equal(all_seen.std_px, stated.std_px)
 
 
 def test_points_that_vision_knows_badly_weigh_less() -> None:

@@ -1,6 +1,7 @@
 """Detection by the locator, on a simulated session of another kind than the tracer was made for."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 
 from tipforce.errors import FileFormatError, InputError
+from tipforce.geometry import resampled
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.simulation.world import FAST
-from tipforce.types import Catheter, DetectedShape, Image, SessionInfo, Status, ViewInfo
+from tipforce.types import Catheter, CentrelinePx, DetectedShape, Image, SessionInfo, Status, ViewInfo
 from tipforce.vision import (
     ResolvedVision,
     SessionDetector,
@@ -26,6 +28,7 @@ from tipforce.vision import (
 from tipforce.vision import (
     locator as locator_package,
 )
+from tipforce.vision._auto_calibrate import _agrees
 from tipforce.vision.locator import (
     ACROSS,
     HALF_WIDTH,
@@ -39,7 +42,9 @@ from tipforce.vision.locator import (
 )
 from tipforce.vision.locator._networks import rough_points
 from tipforce.vision.locator._prompts import channels
+from tipforce.vision.locator._reading import offset_std
 from tipforce.vision.locator._session import _length
+from tipforce.vision.tracer import Tracer
 
 SEED, SESSION = 9500, 3
 """Not among the sessions that the networks were trained on, nor those that results are reported on."""
@@ -218,6 +223,50 @@ def test_a_tip_that_is_known_less_exactly_than_the_limit_is_refused():
     shape, _ = _hidden_tip(VisionSettings(method="auto", max_tip_std_px=0.05))
     assert shape.status is Status.CUT_OFF
     assert "max_tip_std_px" in shape.detail
+
+
+class _Shifted:
+    """Takes the place of the tracer: finds the lines of the locator, moved across by ``px``."""
+
+    def __init__(self, lines: Sequence[Located | None], px: float) -> None:
+        self._points, self._px = [line.points for line in lines if line is not None], px
+
+    def detect(self, image: Image) -> DetectedShape:
+        del image
+        points = self._points.pop(0)
+        tangent = np.gradient(points, axis=0)
+        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1)[:, None]
+        return DetectedShape(Status.VALID, "", CentrelinePx(points + self._px * normal))
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.005, (True, True)), (0.03, (True, False)), (1.0, (False, False))])
+def test_the_tracer_is_asked_first_only_where_it_is_as_exact_as_the_locator(
+    share: float, expected: tuple[bool, bool]
+) -> None:
+    images, _, _ = session()
+    found = constants()
+    tracer = _Shifted(found.lines, share * found.diameter_px)
+    assert _agrees(cast(Tracer, tracer), images, found) == expected
+
+
+def test_the_line_errs_by_as_much_as_it_states() -> None:
+    _, curves, _ = session()
+    errors = []
+    for line, curve in zip(constants().lines, curves, strict=True):
+        if line is None:
+            continue
+        seen = line.seen & (np.arange(len(line.points)) % 4 == 2)
+        fine = resampled(curve, 4000)
+        errors.append(beside_px(line.points[seen], fine) / line.std_px[seen])
+    typical = np.median(np.concatenate(errors)) / 0.674
+    assert 0.4 < typical < 1.6
+
+
+def test_larger_spreads_of_the_network_state_more_than_their_share() -> None:
+    exact, usual, wide = offset_std(np.array([0.005, 0.01, 0.02]))
+    assert exact == pytest.approx(0.0054, rel=0.02)
+    assert usual / exact > 2.0
+    assert wide / usual > 2.0
 
 
 def test_a_bar_from_border_to_border_is_not_the_catheter():

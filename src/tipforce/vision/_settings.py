@@ -110,7 +110,7 @@ class LocatorPrior(BaseModel):
     log_odds: Annotated[float, Field(ge=-30, le=30)] = 0.0
     """Logit by which its lines are right more often than those of the shipped networks in camera images."""
     tracer: bool
-    """The tracer finds the same line, and is asked first: it is faster and more accurate."""
+    """The tracer finds the same line as exactly, and is asked first: it is faster."""
 
 
 class ResolvedVision(BaseModel):

@@ -43,10 +43,6 @@ def _line(
 
 
 _NO_PAST = np.zeros(2)
-_HIDDEN_END_ERROR, _HIDDEN_END_LENGTH = 0.08, 2.0
-"""Where the tip is hidden the seen end of a line errs by more than vision states: 0.18 instead of 0.11 mm at the end,
-0.10 instead of 0.05 mm 5 mm before it (docs/results/session.md). This error, and the distance over which it grows, are
-in diameters."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,11 +78,6 @@ class StatedErrors:
             covariance = shape.covariance_px2[at]
             std_px[:-1] = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
             std_px[-1] = math.sqrt(float(tangent[-1] @ covariance[-1] @ tangent[-1]))
-        if not shape.tip_seen and math.isfinite(shape.diameter_px) and seen[at].any():
-            arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))[at] / shape.diameter_px
-            before_end = np.maximum(arc[seen[at]][-1] - arc, 0.0)
-            hidden_end = _HIDDEN_END_ERROR * shape.diameter_px * np.exp(-before_end / _HIDDEN_END_LENGTH)
-            std_px[:-1] = np.hypot(std_px[:-1], hidden_end)
         return cls(std_px, np.append(seen[at], shape.tip_seen))
 
 

@@ -19,7 +19,7 @@ from ...geometry import arc_length, resampled
 from ...types import FloatArray, Image
 from ._networks import OUTSIDE, POINTS, RoughPoints, rough_points
 from ._prompts import NOMINAL_LENGTH_PX, Prompts
-from ._reading import MIN_SPREAD_DIAMETERS, SAMPLES, Hint, Known, Reading, of_length, read_strip
+from ._reading import SAMPLES, Hint, Known, Reading, of_length, read_strip
 from ._strip import ACROSS, ALONG, HALF_WIDTH
 
 PYRAMID_SIDES_PX = (192, 320, 512)
@@ -37,8 +37,10 @@ _OUTLIER_PX = 10.0
 HINT_STD_SHARE = 0.04
 """Standard deviation of the ends that the first network finds, in lengths of the catheter."""
 SEEN_STD_FACTOR, HIDDEN_STD_FACTOR = 0.65, 1.3
-"""The errors of a visible tip are this much smaller than the posterior says, those of hidden points this much larger:
-measured on `varied` and `generalise`, docs/results/locator.md."""
+"""The error of a visible tip along the line is this much smaller than the posterior says, that of a hidden one this
+much larger: measured on `varied` and `generalise`, docs/results/locator.md."""
+MIN_SPREAD_DIAMETERS = 0.02
+"""Smaller spreads do not make a line more likely the catheter."""
 MIN_SAMPLES = 8
 """Number of a line's samples in the image."""
 BEND_POINTS = 24
@@ -224,7 +226,7 @@ def _located(
     apart = np.linalg.norm(read.points[:, None] - line[None], axis=2).min(axis=1)
     return Located(
         points=resampled(line, points),
-        std_px=np.where(seen, 1.0, HIDDEN_STD_FACTOR) * twice.std_px(points),
+        std_px=twice.std_px(points),
         seen=seen,
         length_px=float(arc[-1]),
         length_std_px=step * math.hypot(tip.std, base.std) * (SEEN_STD_FACTOR if tip_seen > 0.5 else HIDDEN_STD_FACTOR),

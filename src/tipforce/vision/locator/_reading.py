@@ -21,10 +21,15 @@ from ._strip import ALONG, Strip, straightened
 
 INTERVALS = 9
 """Number of intervals of the spline along the strip."""
-MIN_SPREAD_DIAMETERS = 0.02
-"""No offset is trusted to more than this share of the diameter."""
-CORRELATED_STATIONS = 4.0
+MIN_OFFSET_STD = 0.003
+EXACT_SPREAD, EXCESS_EXPONENT, LARGEST_EXCESS, SPREAD_FACTOR = 0.005, 0.65, 2.2, 0.9
+"""The standard deviation of an offset, in diameters, from the spread that the network states: with a spread of 0.005
+or less it is 0.9 of it; larger ones state too little, by a power of the spread and at most this factor. Measured on 41
+sessions of three presets, docs/results/locator.md."""
+CORRELATED_STATIONS = 6.0
 """Errors of neighbouring stations go together over this number of stations, which count as one."""
+LASTING_SHARE = 0.7
+"""This share of an offset's standard deviation is common to all stations, and is added to that of the spline."""
 CURVATURE_CHANGE_STD = 0.02
 """Standard deviation of the third difference of the spline's coefficients, in lengths of the strip."""
 BEYOND_WEIGHT = 0.02
@@ -114,6 +119,7 @@ class Reading:
         covariance: (k, k) of the coefficients, px^2; the same for u and v.
         strip: the strip.
         read: the network's result for it.
+        offset_std_px: (ALONG,) standard deviation of its offsets.
         base: the base, or the position where the catheter enters the image.
         base_in_view: whether the base is inside the image.
         tip: the tip.
@@ -123,6 +129,7 @@ class Reading:
     covariance: FloatArray
     strip: Strip
     read: Offsets
+    offset_std_px: FloatArray
     base: End
     base_in_view: bool
     tip: End
@@ -134,11 +141,20 @@ class Reading:
     def std_px(self, count: int) -> FloatArray:
         """Returns the standard deviation (count,) px of the same points in each direction."""
         basis = self._basis(count)
-        return np.sqrt(np.einsum("ij,jk,ik->i", basis, self.covariance, basis))
+        variance = np.einsum("ij,jk,ik->i", basis, self.covariance, basis)
+        at = np.linspace(self.base.at, self.tip.at, count)
+        lasting = LASTING_SHARE * np.interp(at, _STATIONS, self.offset_std_px)
+        return np.sqrt(variance + lasting**2)
 
     def _basis(self, count: int) -> FloatArray:
         at = np.linspace(self.base.at, self.tip.at, count)
         return np.asarray(BSpline.design_matrix(np.clip(at, 0.0, ALONG - 1.0), _KNOTS, 3).toarray(), np.float64)
+
+
+def offset_std(spread: FloatArray) -> FloatArray:
+    """Returns the standard deviation of offsets from the ``spread`` that the network states, both in diameters."""
+    excess = np.clip((spread / EXACT_SPREAD) ** EXCESS_EXPONENT, 1.0, LARGEST_EXCESS)
+    return np.hypot(MIN_OFFSET_STD, SPREAD_FACTOR * excess * spread)
 
 
 def _end(posterior: FloatArray, image: FloatArray) -> End:
@@ -219,14 +235,14 @@ def read_strip(
     read = refine(strip, network)
     points = strip.points + (diameter_px * read.offset)[:, None] * strip.normals
     base, tip, in_view = _ends(read, points, first, hint, known)
-    spread = diameter_px * np.hypot(np.maximum(read.spread, MIN_SPREAD_DIAMETERS), MIN_SPREAD_DIAMETERS)
-    weight = np.maximum(read.seen, MIN_SEEN) / (CORRELATED_STATIONS * spread**2)
+    std_px = diameter_px * offset_std(read.spread)
+    weight = np.maximum(read.seen, MIN_SEEN) / (CORRELATED_STATIONS * std_px**2)
     weight[(base.at - 2.0 > _STATIONS) | (tip.at + 2.0 < _STATIONS)] *= BEYOND_WEIGHT
     length = max(float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()), 1.0)
     slow = _THIRD / (CURVATURE_CHANGE_STD * length)
     covariance = np.linalg.inv(_BASIS.T @ (weight[:, None] * _BASIS) + slow.T @ slow)
     coefficients = covariance @ (_BASIS.T @ (weight[:, None] * points))
-    return Reading(coefficients, covariance, strip, read, base, in_view, tip)
+    return Reading(coefficients, covariance, strip, read, std_px, base, in_view, tip)
 
 
 def of_length(line: FloatArray, known: Known | None) -> FloatArray:
