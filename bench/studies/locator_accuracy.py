@@ -7,8 +7,9 @@ Each session is resolved on 16 of its images. ``--marked``: a box in the first o
 where the catheter enters the image, as a user marks it with one click. Line: 95 % of the points stated as seen are
 within 2 px of the true curve, and 90 % of the visible part is covered. Right: the line is, and a visible tip is within
 10 px. Old measure: the tip within 5 px along the shaft and every point within 2 px. Two rows: as detection comes, and
-with lines whose hidden tip is known less exactly than the limit. Region: how often the stated 90 % region of the tip
-holds the true one.
+with lines whose hidden tip is known less exactly than the limit. Errors: share of the seen points whose error across
+the line is within the stated 90 % interval, and the median error over the median of this interval's Gaussian, by their
+distance from the last seen point. Region: how often the stated 90 % region of the tip holds the true one.
 ``--features``: stores the features of the locator's lines and whether they are right, for
 ``python -m bench.locator.probability FILE.npz ...``; no line is refused then for its probability.
 """
@@ -39,6 +40,9 @@ MARK_PX = 12.0
 """Half the side of the box with which a user marks the base."""
 REGION_CHI2 = 4.605
 """90 % quantile of chi squared with two degrees of freedom."""
+WITHIN_SIGMAS, MEDIAN_SIGMAS = 1.645, 0.674
+END_SHARE = 0.125
+"""Share of a line that counts as the end before its last seen point."""
 TIP_POINTS = 3
 """The tip is visible where this number of the last points of the truth are."""
 
@@ -71,6 +75,31 @@ def judge(points: FloatArray, seen: np.ndarray, line: FloatArray, visible: np.nd
     }  # fmt: skip
 
 
+def normalised_errors(shape: DetectedShape, line: FloatArray) -> FloatArray:
+    """Returns the errors across the line of the seen points of ``shape``, but the first four and the tip.
+
+    Args:
+        shape: a detected shape with its covariance.
+        line: (k, 2) px of the true centreline.
+
+    Returns:
+        (n, 2) distance from the last seen point as a share of the line, and error in the stated standard deviations.
+    """
+    assert shape.centreline is not None
+    assert shape.covariance_px2 is not None
+    points = shape.centreline.points
+    tangent = np.gradient(points, axis=0)
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1)[:, None]
+    std = np.sqrt(np.einsum("ni,nij,nj->n", normal, shape.covariance_px2, normal))
+    seen = np.ones(len(points), bool) if shape.seen is None else shape.seen.copy()
+    seen[:4], seen[-1] = False, False
+    at = np.flatnonzero(seen)
+    if not len(at):
+        return np.empty((0, 2))
+    sigmas = distance_to_curve(points[at], line) / std[at]
+    return np.column_stack([(at[-1] - at) / (len(points) - 1.0), sigmas])
+
+
 def marked_box(truth: Any, image: Image) -> tuple[int, int, int, int]:
     """Returns a box (u0, v0, u1, v1) px around the first point of the true line that is inside the image."""
     line, (height, width) = np.asarray(truth.centreline_px), image.shape[:2]
@@ -93,6 +122,7 @@ class Tally:
         self._name, self._limit_px = name, limit_px
         self.count: Counter[str] = Counter()
         self._answered: list[Any] = []
+        self._errors: list[FloatArray] = []
 
     def add(self, shape: DetectedShape, line: FloatArray, visible: np.ndarray, size: tuple[int, int]) -> None:
         """Adds one frame; see `judge`."""
@@ -106,6 +136,7 @@ class Tally:
             off = points[-1] - line[-1]
             found["held"] = bool(off @ np.linalg.solve(shape.covariance_px2[-1], off) < REGION_CHI2)
             found["std"] = shape.tip_std_px
+            self._errors.append(normalised_errors(shape, line))
         self._answered.append(found)
         self.count["right" if found["right"] else "wrong"] += 1
 
@@ -122,6 +153,11 @@ class Tally:
             f"  lines off by {off:.3f} px (median)",
             f"  old measure: right {old / total:.1%}, wrong {(len(answered) - old) / total:.1%}",
         ]
+        if self._errors:
+            share, sigmas = np.concatenate(self._errors).T
+            for part, use in (("body", share > END_SHARE), ("end", share <= END_SHARE)):
+                within, typical = np.mean(sigmas[use] < WITHIN_SIGMAS), np.median(sigmas[use]) / MEDIAN_SIGMAS
+                rows.append(f"  errors of {use.sum()} seen points, {part}: within {within:.1%}, median {typical:.2f}")
         for kind, shown in (("visible", True), ("hidden", False)):
             own = [each for each in answered if "held" in each and each["tip_shown"] is shown]
             if own:
