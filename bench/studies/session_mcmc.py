@@ -3,10 +3,11 @@
     .venv/bin/python -m bench.studies.session_mcmc --lines DIR --sessions 10 --out chains.json
 
 Of each session some frames, first without contact, then in contact, are given to `SessionFilter`, which learns from
-each. The same posterior (constants of the session, a force and a lever for each frame) is sampled by Hamiltonian Monte
-Carlo with the Hessian as its mass. Compared is the magnitude in the last frame, and the stiffness and the unloaded
+each. The same posterior (constants of the session; for each frame in contact the force along the chord, the position of
+the tip across it, and a lever) is sampled by Hamiltonian Monte Carlo with the Hessian as its mass; the samples are then
+weighed by the prior of the last force. Compared is the magnitude in the last frame, and the stiffness and the unloaded
 curvature. Lines are from `session_posterior`. Creep and drift are left out of both, the knob has no play, the lever is
-new in each frame, and the chain knows where the tip touches.
+new in each frame, the tip's direction is that of the nearest line, and the chain knows where the tip touches.
 """
 
 import argparse
@@ -30,9 +31,10 @@ from tipforce.estimators.session import (
     SessionFilter,
     rod_model,
 )  # fmt: skip
+from tipforce.estimators.session._mixture import _HELD_SHARE
 from tipforce.estimators.session._state import COUNT, GAIN, K0, SessionState, fill_camera_modes
-from tipforce.estimators.session._walk import Scratch, Session, make_scratch, predict
-from tipforce.mechanics.planar import FORCE, UNKNOWNS, Line, make_work
+from tipforce.estimators.session._walk import Scratch, Session, make_scratch, predict, predict_held
+from tipforce.mechanics.planar import FORCE, UNKNOWNS, Line, loaded_point_aside, make_work
 from tipforce.types import CentrelinePx, FloatArray
 
 EI = UNKNOWNS.index("stiffness")
@@ -42,12 +44,15 @@ PER_FRAME = 3
 SETTINGS = RodTrackSettings(
     prior=PriorSettings(creep=0.0, creep_std=1e-5, knob_play_deg=0.0, contact_share=0.5), friction_s=1e-3,
     update_s=0.0, line_error_s=1e6, knob_drift=1e-6, base_walk_m=0.0, base_walk_deg=0.0, contact_s=1e6, gap_s=1e6,
-    huber=1e3, max_misfit=1e3, noise=NoiseSettings(level_frames=1e6),
+    huber=1e3, max_misfit=1e3, across_error_n=0.0, noise=NoiseSettings(level_frames=1e6),
 )  # fmt: skip
 
 
 class Frames(NamedTuple):
-    """Lines of one session, (n, ...): see `Line`; ``touching`` (n,), ``knob_deg`` (n,), ``modes`` (n, ...)."""
+    """Lines of one session, (n, ...): see `Line`; ``touching`` (n,), ``knob_deg`` (n,), ``modes`` (n, ...).
+
+    ``chord`` (n, 2): direction from the clamp to the tip.
+    """
 
     points: FloatArray
     normals: FloatArray
@@ -56,6 +61,7 @@ class Frames(NamedTuple):
     knob_deg: FloatArray
     touching: np.ndarray
     modes: FloatArray
+    chord: FloatArray
 
 
 @njit(cache=True, nogil=True)
@@ -66,12 +72,17 @@ def density(
     frames: Frames,
     session: Session,
     theta: FloatArray,
+    reaction: FloatArray,
     scratch: Scratch,
     gradient: FloatArray,
     hessian: FloatArray,
     curved: bool = False,
 ) -> float:
-    """Log density at ``x``: shared unknowns, then force and lever of each frame. Fills gradient, then information."""
+    """Log density at ``x``: shared unknowns, then force along the chord, position across it and lever of each frame.
+
+    Fills ``gradient``, then the information in ``hessian``, and ``reaction`` (n, 2): the force across the chord and its
+    derivative by the position.
+    """
     gradient[:] = 0.0
     hessian[:] = 0.0
     value = 0.0
@@ -93,37 +104,32 @@ def density(
         value -= 0.5 * q[COUNT - 1] ** 2
         gradient[own + 2] -= q[COUNT - 1]
         hessian[own + 2, own + 2] += 1.0
-        if not frames.touching[t]:  # the force is held
-            value -= 0.5 * 1e12 * (q[0] ** 2 + q[1] ** 2)
-            for k in range(2):
-                gradient[own + k] -= 1e12 * q[k]
-                hessian[own + k, own + k] += 1e12
-        else:
-            # flat in units of the stiffness; the last force has the prior that is uniform in its magnitude
-            size = math.hypot(q[0], q[1])
-            if size > session.largest_n:
-                return -math.inf
-            if t < len(frames.knob_deg) - 1:
-                value -= 2.0 * math.log(1.0 + q[EI])
-                gradient[EI - FORCE] -= 2.0 / (1.0 + q[EI])
-            else:
-                value -= math.log(size)
-                for k in range(2):
-                    gradient[own + k] -= q[k] / size**2
         line = Line(
             frames.points[t], frames.normals[t], frames.from_tip[t], frames.middle[t], np.zeros(2), False, np.zeros(0),
         )  # fmt: skip
         now = Session(
             session.model, frames.modes[t], session.whiten, session.gain_per_m_deg, frames.knob_deg[t],
-            session.lever_per_m_n, session.huber, session.largest_n,
+            session.lever_per_m_n, session.huber, session.largest_n, 0.0, frames.chord[t, 0], frames.chord[t, 1],
         )  # fmt: skip
         scratch.rod.theta[:] = theta[t]
-        if not predict(q, now, line, scratch):
-            return -math.inf
+        if frames.touching[t]:
+            # flat in the force over the stiffness and in the position
+            value -= math.log(1.0 + q[EI])
+            gradient[EI - FORCE] -= 1.0 / (1.0 + q[EI])
+            scratch.rod.reaction[0] = reaction[t, 0]
+            if not predict_held(q, now, line, scratch):
+                return -math.inf
+            reaction[t, 0], reaction[t, 1] = scratch.rod.reaction[0], scratch.rates[0]
+        else:
+            q[0] = q[1] = 0.0
+            if not predict(q, now, line, scratch):
+                return -math.inf
+            for k in range(2):  # two unknowns without a meaning
+                value -= 0.5 * x[own + k] ** 2
+                gradient[own + k] -= x[own + k]
+                hessian[own + k, own + k] += 1.0
+                scratch.rod.slopes[:, k] = 0.0
         theta[t] = scratch.rod.theta
-        angle = theta[t, -1]
-        if frames.touching[t] and q[0] * math.cos(angle) + q[1] * math.sin(angle) > 0.0:
-            return -math.inf
         white = session.whiten @ scratch.rod.slopes
         residual = session.whiten @ scratch.rod.residual
         value -= 0.5 * residual @ residual
@@ -147,6 +153,7 @@ def hamiltonian(
     frames: Frames,
     session: Session,
     theta: FloatArray,
+    reaction: FloatArray,
     scratch: Scratch,
     burn: int,
     leaps: int,
@@ -161,7 +168,7 @@ def hamiltonian(
     kept = len(normal) - burn
     gradient, hessian = np.zeros(n), np.zeros((n, n))
     trial_gradient = np.zeros(n)
-    value = density(x, mean, information, frames, session, theta, scratch, gradient, hessian)
+    value = density(x, mean, information, frames, session, theta, reaction, scratch, gradient, hessian)
     found, accepted, step = np.zeros((kept, n)), 0.0, 0.3
     for k in range(burn + kept):
         momentum = normal[k]
@@ -169,11 +176,11 @@ def hamiltonian(
         trial_gradient[:] = gradient
         trial = value
         size = step * (0.5 + uniform[k, 0])
-        before = theta.copy()
+        before, reacted = theta.copy(), reaction.copy()
         for _ in range(leaps):
             momentum = momentum + 0.5 * size * (root.T @ trial_gradient)
             at = at + size * (root @ momentum)
-            trial = density(at, mean, information, frames, session, theta, scratch, trial_gradient, hessian)
+            trial = density(at, mean, information, frames, session, theta, reaction, scratch, trial_gradient, hessian)
             if trial == -math.inf:
                 break
             momentum = momentum + 0.5 * size * (root.T @ trial_gradient)
@@ -184,7 +191,7 @@ def hamiltonian(
             x, value = at, trial
             gradient[:] = trial_gradient
         else:
-            theta[:] = before
+            theta[:], reaction[:] = before, reacted
         if k < burn:
             step = min(1.0, max(1e-3, step * math.exp(0.1 * (chance - 0.8))))
         else:
@@ -238,9 +245,10 @@ def by_chain(
     for line in lines:
         fill_camera_modes(filter_._modes, line, model, SETTINGS)
         modes.append(filter_._modes.copy())
+    chord = np.array([line.points[-1] - line.points[0] for line in lines])
     frames = Frames(
         *(np.array([getattr(line, name) for line in lines]) for name in ("points", "normals", "from_tip", "middle")),
-        knobs, touching, np.array(modes),
+        knobs, touching, np.array(modes), chord / np.linalg.norm(chord, axis=1)[:, None],
     )  # fmt: skip
     fresh.knob_deg = float(knobs[-1])
     session = filter_._session(fresh)
@@ -248,24 +256,39 @@ def by_chain(
     information = np.linalg.inv(fresh.covariance[FORCE : COUNT - 1, FORCE : COUNT - 1])
     state = filter_.state
     assert state is not None
-    x = np.concatenate([state.mean[FORCE : COUNT - 1], np.column_stack([starts_n, np.zeros(len(lines))]).ravel()])
+    own, theta, reaction = np.zeros((len(lines), PER_FRAME)), [], np.zeros((len(lines), 2))
+    for t, (line, start) in enumerate(zip(lines, starts_n, strict=True)):
+        q, (c, s) = state.mean.copy(), frames.chord[t].tolist()
+        scratch.rod.theta[:] = filter_._shapes["free"]
+        for share in (0.25, 0.5, 0.75, 1.0):  # a push that would buckle the free rod is not reached
+            kept_theta, q[:FORCE] = scratch.rod.theta.copy(), share * start
+            if not predict(q, session._replace(knob_deg=float(knobs[t])), line, scratch):
+                scratch.rod.theta[:], q[:FORCE] = kept_theta, (share - 0.25) * start
+                break
+        reaction[t, 0] = c * q[1] - s * q[0]
+        if touching[t]:
+            own[t, :2] = c * q[0] + s * q[1], loaded_point_aside(q, c, s, model, scratch.rod)
+        theta.append(scratch.rod.theta.copy())
+    theta = np.array(theta)
+    x = np.concatenate([state.mean[FORCE : COUNT - 1], own.ravel()])
     n = len(x)
-    theta = np.tile(filter_._shapes["touch"], (len(lines), 1))
     gradient, hessian = np.zeros(n), np.zeros((n, n))
     value = -math.inf
     for _ in range(60):  # to the neighbourhood of the maximum
-        value = density(x, mean, information, frames, session, theta, scratch, gradient, hessian, True)
+        value = density(x, mean, information, frames, session, theta, reaction, scratch, gradient, hessian, True)
         step = np.linalg.solve(hessian, gradient)
         share, then = 1.0, -math.inf
         while share > 1e-3:
-            then = density(x + share * step, mean, information, frames, session, theta, scratch, gradient, hessian)
+            then = density(
+                x + share * step, mean, information, frames, session, theta, reaction, scratch, gradient, hessian
+            )
             if then >= value:
                 break
             share *= 0.5
         if then <= value + 1e-3:
             break
         x = x + share * step
-    density(x, mean, information, frames, session, theta, scratch, gradient, hessian, True)
+    density(x, mean, information, frames, session, theta, reaction, scratch, gradient, hessian, True)
     root = np.linalg.inv(np.linalg.cholesky(hessian)).T
     rng = np.random.default_rng([seed, 79])
     for burn, count in (
@@ -274,23 +297,36 @@ def by_chain(
         (600, kept),
     ):  # the mass: first the Hessian
         found, accepted = hamiltonian(
-            x, np.ascontiguousarray(root), mean, information, frames, session, theta, scratch, burn, 12,
+            x, np.ascontiguousarray(root), mean, information, frames, session, theta, reaction, scratch, burn, 12,
             rng.standard_normal((burn + count, n)), rng.random((burn + count, 2)),
         )  # fmt: skip
         x = found[-1]
         hessian_like = np.cov(found.T) + 0.05 * root @ root.T
         root = np.linalg.cholesky(hessian_like)
-    last = found[:, SHARED + PER_FRAME * (len(lines) - 1) :]
-    size = np.hypot(last[:, 0], last[:, 1])
+    forces, weights = np.zeros((kept, FORCE)), np.zeros(kept)
+    c, s = frames.chord[-1].tolist()
+    for k, sample in enumerate(found):
+        density(sample, mean, information, frames, session, theta, reaction, scratch, gradient, hessian)
+        along, (across, rate) = sample[SHARED + PER_FRAME * (len(lines) - 1)], reaction[-1].tolist()
+        forces[k] = c * along - s * across, s * along + c * across
+        size, angle = math.hypot(*forces[k]), theta[-1, -1]
+        if forces[k] @ (math.cos(angle), math.sin(angle)) < 0.0 and size <= session.largest_n:
+            weights[k] = (rate if rate > 0.0 else -_HELD_SHARE * rate) / size
+    weights /= weights.sum()
+    size = np.hypot(*forces.T)
+    order = np.argsort(size)
+    low_n, high_n = np.interp([0.05, 0.95], np.cumsum(weights[order]), size[order]).tolist()
     gain, knob = fresh.gain_per_m_deg, fresh.knob_deg
     curvature = found[:, K0 - FORCE] + gain * knob * (1.0 + found[:, GAIN - FORCE])
-    halves = size[: kept // 2], size[kept // 2 :]
+    halves = [float(np.average(size[part], weights=weights[part])) for part in np.array_split(np.arange(kept), 2)]
+    stiffness = found[:, EI - FORCE]
     posterior = Posterior(
-        (float(np.hypot(last[:, 0].mean(), last[:, 1].mean())), *np.quantile(size, [0.05, 0.95]).tolist()),
-        (float(found[:, EI - FORCE].mean()), float(found[:, EI - FORCE].std())),
+        (float(np.hypot(*(weights @ forces))), low_n, high_n),
+        (float(stiffness.mean()), float(stiffness.std())),
         (float(curvature.mean()), float(curvature.std())),
     )
-    return posterior, {"accepted": accepted, "halves_apart_n": float(abs(halves[0].mean() - halves[1].mean()))}
+    samples = 1.0 / float(weights @ weights)
+    return posterior, {"accepted": accepted, "halves_apart_n": abs(halves[0] - halves[1]), "samples": samples}
 
 
 def chains(lines_of: Lines, free: int, touching: int, kept: int) -> dict[str, Any]:

@@ -57,12 +57,16 @@ def press_record(live: "subprocess.Popen[str]") -> None:
     assert live.stderr is not None
     address = next(line.split()[-1] for line in live.stderr if line.startswith("page: "))
     with connect(f"ws://{urlsplit(address).netloc}/live", proxy=None) as socket:
-        socket.send('{"command":"record","id":1,"on":true}')
-        while True:
+        end = time.monotonic() + _READY_S
+        while time.monotonic() < end:
+            socket.send('{"command":"record","id":1,"on":true}')
             text = socket.recv(timeout=_READY_S)
-            if isinstance(text, str) and (answer := json.loads(text))["answer"] == "command":
-                assert answer["ok"], answer
+            while not isinstance(text, str) or (answer := json.loads(text))["answer"] != "command":
+                text = socket.recv(timeout=_READY_S)
+            if answer["ok"]:
                 return
+            time.sleep(0.1)  # the page is there before the run
+    raise AssertionError("the button does not begin a recording")
 
 
 @pytest.mark.parametrize("by", ["option", "option again", "button"])

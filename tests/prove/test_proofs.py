@@ -20,7 +20,7 @@ def run(script: str, *options: str) -> str:
 
 def test_a_thousand_tubes_are_found_within_hundredths_of_a_pixel(tmp_path: Path) -> None:
     figures = tmp_path / "accuracy.json"
-    run("vision_accuracy", "--frames", "1000", "--hard", "0", "--json", str(figures))
+    run("studies.vision_accuracy", "--frames", "1000", "--hard", "0", "--json", str(figures))
     standard = json.loads(figures.read_text())["standard"]
     assert standard["frames"] == 1000
     assert standard["lost"] == 0
@@ -31,7 +31,7 @@ def test_a_thousand_tubes_are_found_within_hundredths_of_a_pixel(tmp_path: Path)
 
 
 def test_a_kill_costs_a_recording_less_than_a_second_and_an_import_nothing() -> None:
-    text = run("kill_recording", "--times", "20")
+    text = run("studies.kill_recording", "--times", "20")
     worst = re.search(r"worst loss: ([0-9.]+) s", text)
     assert worst is not None
     assert float(worst[1]) < 1.0
@@ -42,7 +42,7 @@ def test_a_kill_costs_a_recording_less_than_a_second_and_an_import_nothing() -> 
 
 def test_the_clock_map_is_found_or_refused(tmp_path: Path) -> None:
     figures = tmp_path / "clock.json"
-    run("clock_map", str(tmp_path / "sessions"), "--sessions", "3", "--json", str(figures))
+    run("studies.clock_map", str(tmp_path / "sessions"), "--sessions", "3", "--json", str(figures))
     rows = [row for row in json.loads(figures.read_text()) if row["how"] != "refused"]
     assert len(rows) >= 2
     for row in rows:

@@ -31,10 +31,10 @@ class VisionSettings(BaseModel):
 
     method: Literal["auto", "tracer", "classic"] = "auto"
     """`auto`: the locator, a trained network, finds the line; where the tracer finds the same one as exactly, it is
-    asked first, because it is faster. `tracer`: ordered tracing with sub-pixel flanks alone; the locator only finds the values
-    that the settings leave open. `classic`: thesis algorithm 1 to the letter, for a dark catheter on a light even
-    ground with nothing else in view: it finds the shape in 165 of 165 frames of the simulated `thesis-2021-plain` and
-    in 0 of 165 of `bench-2021`. On all other images method 1 uses `auto`."""
+    asked first, because it is faster. `tracer`: ordered tracing with sub-pixel flanks alone; the locator only finds
+    the values that the settings leave open. `classic`: thesis algorithm 1 to the letter, for a dark catheter on a light
+    even ground with nothing else in view: it finds the shape in 165 of 165 frames of the simulated `thesis-2021-plain`
+    and in 0 of 165 of `bench-2021`. On all other images method 1 uses `auto`."""
     view: str = DEFAULT_VIEW
     """The view of the data that is used; where this default is not among them and no other is stated, the first one."""
     polarity: Polarity = "auto"
