@@ -28,8 +28,8 @@ or less it is 0.9 of it; larger ones state too little, by a power of the spread 
 sessions of three presets, docs/results/locator.md."""
 CORRELATED_STATIONS = 6.0
 """Errors of neighbouring stations go together over this number of stations, which count as one."""
-LASTING_SHARE = 0.7
-"""This share of an offset's standard deviation is common to all stations, and is added to that of the spline."""
+LASTING_SHARE = 0.8
+"""Errors have a part that is common to all stations: this share of the median standard deviation of the seen ones."""
 CURVATURE_CHANGE_STD = 0.02
 """Standard deviation of the third difference of the spline's coefficients, in lengths of the strip."""
 BEYOND_WEIGHT = 0.02
@@ -43,6 +43,8 @@ VISIBLE_SHARE = 0.97
 """Share of the stated length that is visible of a catheter that enters at the border."""
 MIN_SEEN = 0.1
 """A hidden station weighs this share of a visible one of the same spread."""
+MIN_SURE_SEEN = 0.5
+"""A station is seen with more than this probability."""
 HINT_FLOOR = 0.02
 """Prior of an end far from where the first network finds it, relative to one that is there."""
 MIN_STRIP_SHARE = 0.3
@@ -142,9 +144,10 @@ class Reading:
         """Returns the standard deviation (count,) px of the same points in each direction."""
         basis = self._basis(count)
         variance = np.einsum("ij,jk,ik->i", basis, self.covariance, basis)
-        at = np.linspace(self.base.at, self.tip.at, count)
-        lasting = LASTING_SHARE * np.interp(at, _STATIONS, self.offset_std_px)
-        return np.sqrt(variance + lasting**2)
+        seen = (self.read.seen > MIN_SURE_SEEN) & (self.base.at < _STATIONS) & (self.tip.at > _STATIONS)
+        if seen.any():
+            variance += (LASTING_SHARE * np.median(self.offset_std_px[seen])) ** 2
+        return np.sqrt(variance)
 
     def _basis(self, count: int) -> FloatArray:
         at = np.linspace(self.base.at, self.tip.at, count)
