@@ -43,7 +43,7 @@ from tipforce.estimators.session import (
 )  # fmt: skip
 from tipforce.geometry import arc_length
 from tipforce.io import spread_rows
-from tipforce.limits import CENTRELINE_NOISE
+from tipforce.limits import CENTRELINE_NOISE, CramerRaoBound
 from tipforce.mechanics import LineNoise
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.types import CentrelinePx, DetectedShape, FloatArray, Observation, SessionInfo, Status
@@ -63,6 +63,8 @@ REACHES_N = (0.15, 0.1, 0.075)
 DETECTED_FPS, DETECTED_S = 5.0, 30.0
 """Rate of the images that are drawn for ``detect``, and the length of the beginning of a session."""
 ANY_STD_PX = 1e5
+INTERVAL_SIGMAS = 1.645
+"""A 90 % interval reaches this number of standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,14 +329,17 @@ class _GivenLine:
         return Detected(self.shape, self.frame)
 
 
-def score_images(preset: str, seed: int, number: int, *, true_lines: bool) -> dict[str, Any]:
-    """Gives the images of the beginning of a session to `fusion`; returns the scores of all its frames in contact."""
+def score_images(preset: str, seed: int, number: int, method: str, *, true_lines: bool) -> dict[str, Any]:
+    """Gives the images of the beginning of a session to ``method``; returns the scores of all its frames in contact."""
     bench = SimulatedBench(PRESETS[preset], seed, number)
     lines, view = Lines._of(bench), bench.views[0]
     stride = max(1, round(1.0 / (DETECTED_FPS * float(np.median(np.diff(bench.frame_s))))))
     rows = np.flatnonzero(bench.frame_s < DETECTED_S)[::stride].tolist()
     first = [bench.frame(rows[k], view).image for k in spread_rows(len(rows)).tolist()]
-    stream: Any = Fusion(FusionSettings(max_error_n=None)).start(lines.info, [] if true_lines else first)
+    estimator = (
+        Fusion(FusionSettings(max_error_n=None)) if method == "fusion" else METHODS[method][0](RodTrackSettings())
+    )
+    stream: Any = estimator.start(lines.info, [] if true_lines else first)
     given, seen = _GivenLine(frame_of(lines)), lines.seen_px() if true_lines else lines.points_px
     if true_lines:
         stream._detection = given
@@ -351,11 +356,26 @@ def score_images(preset: str, seed: int, number: int, *, true_lines: bool) -> di
             kept.append(k)
             found.append([*force.force_n[:2].tolist(), *force.magnitude_interval_n.tolist(), force.contact])
     return {
-        "session": lines.seed, "method": "fusion", "known": "nothing", "ms": 1e3 * float(np.median(spent)),
+        "session": lines.seed, "method": method, "known": "nothing", "ms": 1e3 * float(np.median(spent)),
         "frame": kept, "force_n": lines.force_n[kept, :2].tolist(), "size_n": lines.size_n[kept].tolist(),
         "angle_deg": lines.angle_deg[kept].tolist(), "time_s": lines.time_s[kept].tolist(), "estimate": found,
         "tip_seen": [True] * len(kept),
+        "bound_n": CramerRaoBound.of(bench).sequential().magnitude_std_n[kept].tolist(),
     }  # fmt: skip
+
+
+def against_bound(rows: list[dict[str, Any]]) -> str:
+    """Returns the errors and the share of answers beside those that the bound of the shape allows."""
+    all_, bound = gathered(rows), np.concatenate([row["bound_n"] for row in rows])
+    valid = np.isfinite(all_["said"]) & np.isfinite(bound)
+    error = (all_["said"] - all_["truth"])[valid]
+    ratio = np.sqrt(np.mean(error**2) / np.mean(bound[valid] ** 2))
+    reach = np.maximum(all_["high"] - all_["said"], all_["said"] - all_["low"])
+    lines = [f"RMSE {ratio:.2f} times the bound of the shape over all frames so far"]
+    for limit in REACHES_N:
+        allowed, answered = bound * INTERVAL_SIGMAS <= limit, reach <= limit
+        lines.append(f"{limit} N: the bound allows {allowed.mean():.0%} of the frames, answered {answered.mean():.0%}")
+    return "; ".join(lines)
 
 
 def gathered(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
@@ -439,6 +459,7 @@ def main() -> None:
     shown.add_argument("--preset", default="varied", choices=list(PRESETS))
     shown.add_argument("--seed", type=int, default=95000)
     shown.add_argument("--sessions", type=int, default=8)
+    shown.add_argument("--method", default="fusion", choices=["fusion", "rod-track"])
     shown.add_argument("--true-lines", action="store_true")
     for step in (*draws, run, shown):
         step.add_argument("--out", type=Path, required=True)
@@ -457,9 +478,13 @@ def main() -> None:
     elif options.step == "images":
         rows = []
         for k in range(options.sessions):
-            rows.append(score_images(options.preset, options.seed, 5 * k, true_lines=options.true_lines))
+            number = 5 * k
+            rows.append(
+                score_images(options.preset, options.seed, number, options.method, true_lines=options.true_lines)
+            )
             options.out.write_text(json.dumps(rows) + "\n", encoding="utf-8")
         print(table(rows))
+        print(against_bound(rows))
     elif options.step == "score":
         rows = []
         for place in sorted(options.lines.glob("*.pickle"))[options.skip :][: options.limit]:

@@ -17,7 +17,7 @@ from tipforce.errors import InputError
 from tipforce.estimators import Estimator
 from tipforce.evaluation import Constant
 from tipforce.io import atomic_text, open_recording, spread_images, write_atomic
-from tipforce.types import BoolArray, FloatArray, Frame, Image, IntArray
+from tipforce.types import BoolArray, DetectedShape, FloatArray, Frame, Image, IntArray
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate, contact_sheet
 
 __all__ = ["draw_sheet", "judge"]
@@ -27,6 +27,8 @@ WRONG_N = 0.05
 WRONG_PX = 10.0
 LARGE_N = 0.3
 SHEET_PX = 256
+INTERVAL_SIGMAS = 1.645
+"""A 90 % interval reaches this number of standard deviations."""
 HALVES = ("svr:half", "constant:half")
 """Trained on every other session and judged on the rest, both ways."""
 
@@ -139,7 +141,8 @@ def _line(scored: Mapping[str, float]) -> str:
 def _judge_detection(recordings: Sequence[Path]) -> dict[str, Any]:
     """Frames in which a shape is found with the base's side stated, and how far its tip and base are off."""
     print(
-        "\ndetection, side of the base stated: found, of these tip off by more than 10 px, medians in px of tip, base"
+        "\ndetection: found, of these tip off by more than 10 px, medians in px of tip, base; share of the seen points "
+        "within the stated 90 % interval across the line"
     )
     found = {path.stem: _detected(path) for path in recordings}
     rows = {"all": np.vstack(list(found.values())), **found}
@@ -151,35 +154,56 @@ def _judge_detection(recordings: Sequence[Path]) -> dict[str, Any]:
             "wrong": _mean(seen[:, 0] > WRONG_PX),
             "tip_px": float(np.median(seen[:, 0])) if len(seen) else np.nan,
             "base_px": float(np.median(seen[:, 1])) if len(seen) else np.nan,
+            "within": float(np.nanmean(seen[:, 2])) if np.isfinite(seen[:, 2]).any() else np.nan,
         }
         one = figures[name]
         print(
             f"  {name:20} {100 * one['found']:5.0f} % {100 * one['wrong']:5.0f} % "
-            f"{one['tip_px']:6.1f} {one['base_px']:6.1f}"
+            f"{one['tip_px']:6.1f} {one['base_px']:6.1f} {100 * one['within']:5.0f} %"
         )
     return figures
 
 
 def _detected(recording: Path) -> FloatArray:
-    """(m, 2): distances of tip and base from the truth in pixels, NaN where nothing is found."""
-    truth, errors = Truth.of(recording), list[tuple[float, float]]()
+    """(m, 3): distances of tip and base from the truth in pixels, and the share of `_within`; NaN: nothing found."""
+    truth, errors = Truth.of(recording), list[tuple[float, float, float]]()
     with open_recording(recording) as source:
         try:
             vision = auto_calibrate(VisionSettings(), spread_images(source), source.session_info)
         except InputError:
-            return np.full((len(truth.stamp_ns), 2), np.nan)
+            return np.full((len(truth.stamp_ns), 3), np.nan)
         detector = ShapeDetector(vision)
         for event in source:
             if isinstance(event, Frame):
                 line = truth.line_px[truth.rows([event.stamp_ns])[0]]
                 shape = detector.detect(event.image)
                 if shape.centreline is None:
-                    errors.append((np.nan, np.nan))
+                    errors.append((np.nan, np.nan, np.nan))
                 else:
                     points = shape.centreline.points
                     tip, base = (float(np.linalg.norm(points[i] - line[i])) for i in (-1, 0))
-                    errors.append((tip, base))
+                    errors.append((tip, base, _within(shape, line)))
     return np.array(errors)
+
+
+def _within(shape: DetectedShape, line: FloatArray) -> float:
+    """Share of the seen points, but the first four and the tip, within the stated 90 % interval; NaN: none is stated.
+
+    Args:
+        shape: a detected shape.
+        line: (p, 2) px of the true centreline.
+    """
+    if shape.centreline is None or shape.covariance_px2 is None or shape.seen is None:
+        return np.nan
+    points, seen = shape.centreline.points, shape.seen.copy()
+    seen[:4] = seen[-1] = False
+    arc = np.linspace(0.0, len(line) - 1.0, 40 * len(line))
+    fine = np.column_stack([np.interp(arc, np.arange(len(line)), line[:, k]) for k in range(2)])
+    off = np.linalg.norm(points[seen][:, None] - fine[None], axis=2).min(axis=1)
+    tangent = np.gradient(points, axis=0)[seen]
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1)[:, None]
+    std = np.sqrt(np.einsum("ni,nij,nj->n", normal, shape.covariance_px2[seen], normal))
+    return float(np.mean(off < INTERVAL_SIGMAS * std)) if seen.any() else np.nan
 
 
 def draw_sheet(data: Path, output: Path) -> None:

@@ -55,9 +55,8 @@ def test_no_process_and_no_half_file_is_left_of_a_simulation(tmp_path: Path, num
     assert not of_session(child.pid)
     if number is not signal.SIGKILL:
         assert child.returncode == 128 + number
-        assert said.strip().splitlines()[-1] == (
-            f"tipforce: stopped by {number.name}; finished sessions are kept, and the same command goes on"
-        )
+        stopped = f"tipforce: stopped by {number.name}; finished sessions are kept, and the same command goes on"
+        assert stopped in said.splitlines()  # Python's resource tracker may have the last word
         assert "Traceback" not in said
         assert not list(tmp_path.rglob("*.part"))
 

@@ -28,7 +28,7 @@ from tipforce.vision import (
 from tipforce.vision import (
     locator as locator_package,
 )
-from tipforce.vision._auto_calibrate import _agrees
+from tipforce.vision._auto_calibrate import _compared
 from tipforce.vision.locator import (
     ACROSS,
     HALF_WIDTH,
@@ -246,7 +246,7 @@ def test_the_tracer_is_asked_first_only_where_it_is_as_exact_as_the_locator(
     images, _, _ = session()
     found = constants()
     tracer = _Shifted(found.lines, share * found.diameter_px)
-    assert _agrees(cast(Tracer, tracer), images, found) == expected
+    assert _compared(cast(Tracer, tracer), images, found) == expected
 
 
 def test_the_line_errs_by_as_much_as_it_states() -> None:

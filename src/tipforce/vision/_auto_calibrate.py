@@ -271,7 +271,7 @@ def _of_session(
     agrees, exact, traced = False, False, found
     try:
         traced = _calibrated(settings, way, frames, [info] * len(frames), True, constants.length_px)
-        agrees, exact = _agrees(Tracer(traced), located, constants)
+        agrees, exact = _compared(Tracer(traced), located, constants)
         found = traced if agrees else found
     except InputError as error:
         if settings.method == "tracer":
@@ -347,7 +347,7 @@ def base_box(base_px: FloatArray, side: BaseSide, diameter_px: float, size: tupl
     return max(u0, 0), max(v0, 0), min(u1, columns), min(v1, rows)
 
 
-def _agrees(tracer: Tracer, frames: Sequence[Image], constants: SessionConstants) -> tuple[bool, bool]:
+def _compared(tracer: Tracer, frames: Sequence[Image], constants: SessionConstants) -> tuple[bool, bool]:
     """Compares ``tracer`` with the locator in the images in which both find a line.
 
     Returns:
