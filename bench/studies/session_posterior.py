@@ -336,6 +336,7 @@ def score_images(preset: str, seed: int, number: int, method: str, *, true_lines
     stride = max(1, round(1.0 / (DETECTED_FPS * float(np.median(np.diff(bench.frame_s))))))
     rows = np.flatnonzero(bench.frame_s < DETECTED_S)[::stride].tolist()
     first = [bench.frame(rows[k], view).image for k in spread_rows(len(rows)).tolist()]
+    noise = CENTRELINE_NOISE.get(preset, CENTRELINE_NOISE[NOISE_PRESET])
     estimator = (
         Fusion(FusionSettings(max_error_n=None)) if method == "fusion" else METHODS[method][0](RodTrackSettings())
     )
@@ -360,7 +361,7 @@ def score_images(preset: str, seed: int, number: int, method: str, *, true_lines
         "frame": kept, "force_n": lines.force_n[kept, :2].tolist(), "size_n": lines.size_n[kept].tolist(),
         "angle_deg": lines.angle_deg[kept].tolist(), "time_s": lines.time_s[kept].tolist(), "estimate": found,
         "tip_seen": [True] * len(kept),
-        "bound_n": CramerRaoBound.of(bench).sequential().magnitude_std_n[kept].tolist(),
+        "bound_n": CramerRaoBound.of(bench, noise).sequential().magnitude_std_n[kept].tolist(),
     }  # fmt: skip
 
 

@@ -202,9 +202,9 @@ class World:
 class RankedFilter(SessionFilter):
     """The filter, which also gives ranks from the nodes of its last walk."""
 
-    def _force(self, fits: Any, share: float) -> Mixed:
+    def _force(self, fits: Any, line: Any, share: float, reading: Any) -> Mixed:
         self._last = fits, float(self._shapes["touch" if fits.found else "free"][-1])
-        return super()._force(fits, share)
+        return super()._force(fits, line, share, reading)
 
     def rank(self, true_n: float, contact: float, rng: np.random.Generator) -> float:
         """Returns the posterior probability of a smaller magnitude than ``true_n``.
