@@ -85,12 +85,10 @@ def normalised_errors(shape: DetectedShape, line: FloatArray) -> FloatArray:
     Returns:
         (n, 2) distance from the last seen point as a share of the line, and error in the stated standard deviations.
     """
+    stated = shape.std_along_and_across_px
     assert shape.centreline is not None
-    assert shape.covariance_px2 is not None
-    points = shape.centreline.points
-    tangent = np.gradient(points, axis=0)
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1)[:, None]
-    std = np.sqrt(np.einsum("ni,nij,nj->n", normal, shape.covariance_px2, normal))
+    assert stated is not None
+    points, std = shape.centreline.points, stated[1]
     seen = np.ones(len(points), bool) if shape.seen is None else shape.seen.copy()
     seen[:4], seen[-1] = False, False
     at = np.flatnonzero(seen)

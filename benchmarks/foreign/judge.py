@@ -193,17 +193,15 @@ def _within(shape: DetectedShape, line: FloatArray) -> float:
         shape: a detected shape.
         line: (p, 2) px of the true centreline.
     """
-    if shape.centreline is None or shape.covariance_px2 is None or shape.seen is None:
+    stated = shape.std_along_and_across_px
+    if shape.centreline is None or stated is None or shape.seen is None:
         return np.nan
     points, seen = shape.centreline.points, shape.seen.copy()
     seen[:4] = seen[-1] = False
     arc = np.linspace(0.0, len(line) - 1.0, 40 * len(line))
     fine = np.column_stack([np.interp(arc, np.arange(len(line)), line[:, k]) for k in range(2)])
     off = np.linalg.norm(points[seen][:, None] - fine[None], axis=2).min(axis=1)
-    tangent = np.gradient(points, axis=0)[seen]
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1)[:, None]
-    std = np.sqrt(np.einsum("ni,nij,nj->n", normal, shape.covariance_px2[seen], normal))
-    return float(np.mean(off < INTERVAL_SIGMAS * std)) if seen.any() else np.nan
+    return float(np.mean(off < INTERVAL_SIGMAS * stated[1][seen])) if seen.any() else np.nan
 
 
 def draw_sheet(data: Path, output: Path) -> None:

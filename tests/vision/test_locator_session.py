@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tipforce.errors import FileFormatError, InputError
-from tipforce.geometry import resampled
+from tipforce.geometry import resampled, tangents_and_normals
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.simulation.world import FAST
 from tipforce.types import Catheter, CentrelinePx, DetectedShape, Image, SessionInfo, Status, ViewInfo
@@ -234,9 +234,7 @@ class _Shifted:
     def detect(self, image: Image) -> DetectedShape:
         del image
         points = self._points.pop(0)
-        tangent = np.gradient(points, axis=0)
-        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1)[:, None]
-        return DetectedShape(Status.VALID, "", CentrelinePx(points + self._px * normal))
+        return DetectedShape(Status.VALID, "", CentrelinePx(points + self._px * tangents_and_normals(points)[1]))
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.005, (True, True)), (0.03, (True, False)), (1.0, (False, False))])
@@ -260,6 +258,19 @@ def test_the_line_errs_by_as_much_as_it_states() -> None:
         errors.append(beside_px(line.points[seen], fine) / line.std_px[seen])
     typical = np.median(np.concatenate(errors)) / 0.674
     assert 0.4 < typical < 1.6
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("along", "across"), [(0.0, 0.1), (3.0, 0.0), (2.0, 0.4)])
+def test_the_errors_along_and_across_the_line_are_those_of_its_covariance(along: float, across: float) -> None:
+    points = np.column_stack([np.linspace(0.0, 90.0, 40), 20.0 * np.sin(np.linspace(0.0, 2.0, 40))])
+    tangents, normals = tangents_and_normals(points)
+    covariance = sum(std**2 * way[:, :, None] * way[:, None] for std, way in ((along, tangents), (across, normals)))
+    stated = DetectedShape(Status.VALID, "", CentrelinePx(points), covariance_px2=covariance).std_along_and_across_px
+    assert stated is not None
+    np.testing.assert_allclose(stated[0], along, atol=1e-6)
+    np.testing.assert_allclose(stated[1], across, atol=1e-6)
+    assert DetectedShape(Status.VALID, "", CentrelinePx(points)).std_along_and_across_px is None
 
 
 def test_larger_spreads_of_the_network_state_more_than_their_share() -> None:

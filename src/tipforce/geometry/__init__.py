@@ -2,7 +2,15 @@
 
 from ._c_arm import CArm
 from ._camera import CameraModel
-from ._curves import angle_matrix, arc_length, curve_from_angle, fit_polynomial, resampled, turning_angles
+from ._curves import (
+    angle_matrix,
+    arc_length,
+    curve_from_angle,
+    fit_polynomial,
+    resampled,
+    tangents_and_normals,
+    turning_angles,
+)
 from ._epipolar import epipolar_angles
 from ._pose import Pose
 from ._triangulate import Triangulated, triangulate
@@ -18,6 +26,7 @@ __all__ = [
     "epipolar_angles",
     "fit_polynomial",
     "resampled",
+    "tangents_and_normals",
     "triangulate",
     "turning_angles",
 ]

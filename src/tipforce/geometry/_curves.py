@@ -112,6 +112,24 @@ def resampled(points: FloatArray, count: int) -> FloatArray:
     return np.column_stack([np.interp(wanted, arc, column) for column in points.T])
 
 
+def tangents_and_normals(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns the unit tangents and unit normals of a line, (n, 2) each.
+
+    A normal is its tangent turned from the first axis toward the second: in an image (u right, v down) it points to the
+    right of the way along the line.
+
+    Args:
+        points: (n, 2) points of the line, at least two.
+
+    >>> tangents, normals = tangents_and_normals(np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]))
+    >>> tangents[0].tolist(), normals[0].tolist()
+    ([1.0, 0.0], [-0.0, 1.0])
+    """
+    tangents = np.gradient(points, axis=0)
+    tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-9)
+    return tangents, np.column_stack([-tangents[:, 1], tangents[:, 0]])
+
+
 @njit(cache=True, nogil=True)
 def turning_angles(points: FloatArray, cos: float, sin: float) -> FloatArray:
     """Returns the angles of the chords of a curve against an axis.

@@ -102,6 +102,18 @@ class DetectedShape:
             return 0.0
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance_px2[-1])[-1]))
 
+    @property
+    def std_along_and_across_px(self) -> tuple[FloatArray, FloatArray] | None:
+        """Standard deviations (n,) of the points along the centreline and across it, px; None: not estimated."""
+        if self.centreline is None or self.covariance_px2 is None:
+            return None
+        tangents = np.gradient(self.centreline.points, axis=0)
+        tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-9)
+        along = np.einsum("ni,nij,nj->n", tangents, self.covariance_px2, tangents)
+        across = np.trace(self.covariance_px2, axis1=1, axis2=2) - along
+        # rounding makes a variance of 0 negative
+        return np.sqrt(np.maximum(along, 0.0)), np.sqrt(np.maximum(across, 0.0))
+
     def moved(self, by_px: FloatArray) -> "DetectedShape":
         """Returns the same shape, shifted by (u, v) ``by_px`` in the image."""
         if self.centreline is None or not np.any(by_px):

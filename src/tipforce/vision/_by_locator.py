@@ -7,6 +7,7 @@ import numpy as np
 
 from .._system.json_files import read_json
 from ..errors import FileFormatError, InputError
+from ..geometry import tangents_and_normals
 from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status, ViewInfo
 from ._line_probability import XRAY_LOG_ODDS, probability
 from ._settings import USUAL_TIP_STD_PX, ResolvedVision, VisionSettings
@@ -180,9 +181,7 @@ def covariance(line: Located) -> FloatArray:
 
     Along the line the error grows from the base to the tip, whose error is that of the length.
     """
-    tangent = np.gradient(line.points, axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    tangent, normal = tangents_and_normals(line.points)
     along = np.linspace(0.0, 1.0, len(tangent)) * line.length_std_px
     return (
         line.std_px[:, None, None] ** 2 * normal[:, :, None] * normal[:, None, :]

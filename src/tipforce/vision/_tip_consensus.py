@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from ..geometry import arc_length
+from ..geometry import arc_length, tangents_and_normals
 from ..types import FloatArray, Image
 from .tracer import TEMPLATE_COLUMNS, TEMPLATE_ROWS, TEMPLATE_WIDTH
 
@@ -171,7 +171,6 @@ def axis_offset(images: Sequence[Image], lines: Sequence[FloatArray], half: floa
 def shift_tip(line: FloatArray, half: float, length: float, offset: float) -> FloatArray:
     """Returns ``line`` (k, 2) with its last stretch turned so that its point at ``length`` moves by ``offset`` px."""
     arc = arc_length(line)
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    _, normal = tangents_and_normals(line)
     share = np.maximum(arc - length + _LONG * half, 0.0) / (_LONG * half)
-    return line + offset * share[:, None] * np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    return line + offset * share[:, None] * normal

@@ -71,13 +71,9 @@ class StatedErrors:
         at = np.rint(np.linspace(0.0, len(points) - 1.0, POINTS)).astype(np.int64)
         seen = np.ones(len(points), np.bool_) if shape.seen is None else shape.seen
         std_px = np.zeros(POINTS + 1)
-        if shape.covariance_px2 is not None:
-            tangent = np.gradient(points, axis=0)[at]
-            tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-            normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-            covariance = shape.covariance_px2[at]
-            std_px[:-1] = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
-            std_px[-1] = math.sqrt(float(tangent[-1] @ covariance[-1] @ tangent[-1]))
+        stated = shape.std_along_and_across_px
+        if stated is not None:
+            std_px[:-1], std_px[-1] = stated[1][at], stated[0][-1]
         return cls(std_px, np.append(seen[at], shape.tip_seen))
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...geometry import arc_length, resampled
+from ...geometry import arc_length, resampled, tangents_and_normals
 from ...vision.locator import ALONG, straightened, strip_input
 from ._labels import SEEN
 
@@ -120,9 +120,8 @@ def _disturbed(line: Float, diameter_px: float, hidden_from: float, rng: np.rand
     beside = weights @ np.cos(math.pi * np.arange(modes)[:, None] * share)
     beyond = np.maximum(share - hidden_from, 0.0) / max(1.0 - hidden_from, 1e-6)
     beside = beside + beyond**2 * rng.normal(0.0, 1.5) * diameter_px * (hidden_from < 0.97)
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    moved = line + beside[:, None] * np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    tangent, normal = tangents_and_normals(line)
+    moved = line + beside[:, None] * normal
     length = float(np.linalg.norm(np.diff(moved, axis=0), axis=1).sum())
     start, stop = np.clip(rng.normal(0.0, rng.choice([0.05, 0.02, 0.006]), 2), -0.1, 0.1) * length
     if start < 0.0:

@@ -19,7 +19,7 @@ from ...geometry import arc_length, resampled
 from ...types import FloatArray, Image
 from ._networks import OUTSIDE, POINTS, RoughPoints, rough_points
 from ._prompts import NOMINAL_LENGTH_PX, Prompts
-from ._reading import SAMPLES, Hint, Known, Reading, of_length, read_strip
+from ._reading import MIN_SURE_SEEN, SAMPLES, Hint, Known, Reading, of_length, read_strip
 from ._strip import ACROSS, ALONG, HALF_WIDTH
 
 PYRAMID_SIDES_PX = (192, 320, 512)
@@ -214,12 +214,12 @@ def _located(
     station = np.linspace(base.at, tip.at, points)
     along = np.arange(ALONG)
     spread = np.maximum(twice.read.spread, MIN_SPREAD_DIAMETERS)
-    seen = np.interp(station, along, twice.read.seen) > 0.5
+    seen = np.interp(station, along, twice.read.seen) > MIN_SURE_SEEN
     arc = arc_length(line)
     step = float(arc[-1]) / max(tip.at - base.at, 1.0)
     ends = along[(along > tip.at - 3.0) & (along < tip.at + 0.5)]
     tip_seen = float(twice.read.seen[ends].mean()) if len(ends) else 0.0
-    shaft = (along > base.at) & (along < tip.at) & (twice.read.seen > 0.5)
+    shaft = (along > base.at) & (along < tip.at) & (twice.read.seen > MIN_SURE_SEEN)
     grey = twice.strip.values[:, shaft].mean(axis=-1) if shaft.any() else twice.strip.values.mean(axis=-1)
     even = resampled(line, BEND_POINTS)
     turns = np.diff(np.unwrap(np.arctan2(*np.diff(even, axis=0).T[::-1])))

@@ -24,7 +24,7 @@ INTERVALS = 9
 MIN_OFFSET_STD = 0.003
 EXACT_SPREAD, EXCESS_EXPONENT, LARGEST_EXCESS, SPREAD_FACTOR = 0.005, 0.65, 2.2, 0.9
 """The standard deviation of an offset, in diameters, from the spread that the network states: with a spread of 0.005
-or less it is 0.9 of it; larger ones state too little, by a power of the spread and at most this factor. Measured on 41
+or less it is 0.9 of it; larger ones state too little, by a power of the spread and at most this factor. Measured on 39
 sessions of three presets, docs/results/locator.md."""
 CORRELATED_STATIONS = 6.0
 """Errors of neighbouring stations go together over this number of stations, which count as one."""

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...geometry import arc_length, resampled
+from ...geometry import arc_length, resampled, tangents_and_normals
 from ...types import FloatArray, Image
 
 ALONG, ACROSS = 96, 32
@@ -47,9 +47,7 @@ def _stations(line: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     ways = [line[near] - line[0], line[-1] - line[-1 - near]]
     first, last = (way / max(math.hypot(*way), 1e-9) for way in ways)
     points = resampled(np.vstack([line[0] - reach * first, line, line[-1] + reach * last]), count)
-    tangent = np.gradient(points, axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
-    return points, np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    return points, tangents_and_normals(points)[1]
 
 
 def straightened(image: Image, line: FloatArray, diameter_px: float) -> Strip:
