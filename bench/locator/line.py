@@ -1,11 +1,11 @@
 """The line network: the axis, its visibility, base, tip and diameter in the image straightened along a rough line.
 
-    python -m bench.locator.line -o DIR [--steps N] [--seed S] [--resume]
+    python -m bench.locator.line -o DIR [--steps N] [--seed S] [--resume] [--begin refine.onnx --rate R]
 
 Its strips come from the compositor (half) and from the presets' renderers at their own resolution, along the true
 line with errors like those of the locator, or along another line; their width suits the diameter, or a guess of it.
 DIR/line.pt holds weights and optimiser every 250 steps; ``--resume`` continues. DIR/refine.onnx goes to
-src/tipforce/vision/locator.
+src/tipforce/vision/locator. ``--begin`` starts from the weights of such a file, with a smaller ``--rate``.
 """
 
 import argparse
@@ -32,6 +32,7 @@ from tipforce.training.locator import (
     StripSource,
     StripTarget,
     line_loss,
+    line_network_from_graph,
     strip_target,
 )
 from tipforce.vision.locator import ACROSS, ALONG
@@ -105,6 +106,33 @@ def figures(found: tuple[Tensor, ...], wanted: dict[str, Tensor]) -> dict[str, f
     }
 
 
+def begun(path: Path, strips: Tensor) -> LineNetwork:
+    """Returns the network of a graph, ready for training.
+
+    Args:
+        path: the graph, in which each normalisation is part of its kernels.
+        strips: (b, 3, ACROSS, ALONG): with their statistics the normalisations change nothing at first.
+    """
+    network = line_network_from_graph(path)
+
+    def keep(norm: nn.Module, given: tuple[Tensor, ...]) -> None:
+        assert isinstance(norm, nn.BatchNorm2d)
+        assert norm.running_mean is not None
+        assert norm.running_var is not None
+        mean, variance = given[0].mean((0, 2, 3)), given[0].var((0, 2, 3))
+        norm.running_mean.copy_(mean)
+        norm.running_var.copy_(variance)
+        norm.weight.copy_((variance + norm.eps).sqrt())
+        norm.bias.add_(mean)
+
+    hooks = [each.register_forward_pre_hook(keep) for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
+    with torch.no_grad():
+        network(strips)
+    for hook in hooks:
+        hook.remove()
+    return network.train()
+
+
 def main() -> None:
     """Trains and exports the network."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -112,12 +140,15 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=STEPS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--resume", action="store_true")
+    parser.add_argument("--begin", type=Path)
+    parser.add_argument("--rate", type=float, default=RATE)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(options.seed)
-    network = LineNetwork()
-    optimiser = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=0.03)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, options.steps, pct_start=0.06)
+    checks = next(iter(_Strips(CHECKS_SEED, CHECKS)))
+    network = LineNetwork() if options.begin is None else begun(options.begin, checks["strip"])
+    optimiser = torch.optim.AdamW(network.parameters(), lr=options.rate, weight_decay=0.03)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, options.rate, options.steps, pct_start=0.06)
     path, step = options.out / "line.pt", 0
     if options.resume and path.exists():
         state = torch.load(path, weights_only=True)
@@ -126,7 +157,6 @@ def main() -> None:
         step = state["step"]
         for _ in range(step):
             schedule.step()
-    checks = next(iter(_Strips(CHECKS_SEED, CHECKS)))
     strips = _Strips(options.seed + 10_000 * step, BATCH)
     loader = torch.utils.data.DataLoader(
         strips, batch_size=None, num_workers=WORKERS, prefetch_factor=4, in_order=False

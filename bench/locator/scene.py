@@ -165,7 +165,9 @@ def plain_surface(rng: np.random.Generator, tint: Float32 | None = None, *, blun
         look[(s / rng.uniform(0.08, 0.4)) % 1.0 < rng.uniform(0.1, 0.5)] = colour(rng)
     gloss = np.full(STATIONS, rng.choice([0.0, 0.15, 0.5]) * rng.uniform(0.5, 1.5), np.float32)
     cover = 1.0 if rng.random() < 0.9 else rng.uniform(0.3, 0.9)
-    return Surface(np.ascontiguousarray(look, np.float32), gloss, float(rng.choice([5.0, 20.0])), cover, blunt=blunt)
+    weave = (rng.uniform(0.05, 0.4), rng.uniform(4.0, 60.0)) if rng.random() < 0.25 else (0.0, 0.0)  # cloth, a thread
+    shine = float(rng.choice([5.0, 20.0]))
+    return Surface(np.ascontiguousarray(look, np.float32), gloss, shine, cover, weave, blunt=blunt)
 
 
 def _body(
@@ -232,7 +234,7 @@ def _sheath(
             axis = lead(rng, start, back + sign * rng.uniform(0.1, 0.9), 0.8 * size, 0.4)
             tubes.append((axis, 0.5 * wide, plain_surface(rng, skin, blunt=False)))
         return tuple(tubes), -1
-    wide = diameter * math.exp(rng.uniform(math.log(1.12), math.log(4.2)))
+    wide = diameter * math.exp(rng.uniform(math.log(1.12), math.log(5.5)))
     if kind == "block":
         axis = lead(rng, mouth, back, diameter * rng.uniform(0.6, 6.0), 0.0)
         wide = diameter * rng.uniform(2.0, 9.0)

@@ -22,8 +22,8 @@ from bench.studies.locator_accuracy import judge
 from tipforce.errors import InputError
 from tipforce.training.locator import SEEN, SIDES, Scene
 from tipforce.vision import VisionSettings
-from tipforce.vision._line_probability import line_features, probability
 from tipforce.vision.locator import Known, Located, Prompts, locate
+from tipforce.vision.locator._line_probability import line_features, probability
 from tipforce.vision.locator._session import POINTS, session_constants
 
 SIZES_PX, LENGTH_SHARES = (384, 640), (scene.LENGTH_SHARES, (0.08, 0.3))
@@ -71,7 +71,7 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     rng, drawers = np.random.default_rng(options.seed), [Drawer(side, side) for side in SIZES_PX]
-    rows, right, numbers = [], [], []
+    rows, right, marked, numbers = [], [], [], []
     counts: dict[str, Counter[str]] = {each: Counter() for each in STATED}
     for number in range(options.scenes):
         if rng.random() < EMPTY_SHARE:
@@ -92,6 +92,7 @@ def main() -> None:
         good = drawn.present and judge(line.points / scale, line.seen, drawn.line / scale, visible, size)["right"]
         rows.append(line_features(line))
         right.append(good)
+        marked.append("box" in stated)
         numbers.append(number)
         counts[stated][
             ("right" if good else "wrong") + (" valid" if probability(line) > VALID_PROBABILITY else " refused")
@@ -105,6 +106,7 @@ def main() -> None:
             xray=False,
             features=np.array(rows),
             right=np.array(right),
+            marked=np.array(marked),
             session=numbers,
         )
 

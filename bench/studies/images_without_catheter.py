@@ -27,7 +27,7 @@ from tipforce.simulation.world import FAST
 from tipforce.types import Catheter, Image, SessionInfo, ViewInfo
 from tipforce.vision import ResolvedVision, SessionDetector, ShapeDetector, VisionSettings, contact_sheet, draw_shape
 from tipforce.vision._by_locator import LocatorDetector
-from tipforce.vision._line_probability import line_features, probability
+from tipforce.vision.locator._line_probability import line_features, probability
 
 SCENES, FRAMES = 8, 8
 """Scenes of a kind, and images of a session."""

@@ -30,8 +30,8 @@ from tipforce.simulation.world import FAST
 from tipforce.types import DetectedShape, FloatArray, Image, Status
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 from tipforce.vision._by_locator import LocatorDetector
-from tipforce.vision._line_probability import line_features
 from tipforce.vision._settings import USUAL_TIP_STD_PX
+from tipforce.vision.locator._line_probability import line_features
 
 RESOLVED_ON = 16
 LINE_PX, TIP_PX, WRONG_TIP_PX = 2.0, 5.0, 10.0
@@ -214,7 +214,7 @@ def main() -> None:
         print(f"{options.preset}, {tally.text(tips)}")
     if options.features:
         modality = bench.session_info.view(view).modality
-        facts = {"preset": options.preset, "xray": modality == "xray"}
+        facts = {"preset": options.preset, "xray": modality == "xray", "marked": options.marked}
         np.savez(options.features, **facts, **{name: np.array(values) for name, values in drawn.items()})
 
 

@@ -11,11 +11,11 @@ from ._detector import DetectorKind, ShapeDetector, detector_kind
 from ._draw import contact_sheet, draw_estimate, draw_objects, draw_shape, shaft_mask
 from ._features import NoFeatures, ShapeFeatureSettings, feature_names, fitted_curve, shape_features
 from ._inspect import Inspection, InspectSettings, Reasons, Tally, inspect_image
-from ._line_probability import fitted_log_odds, line_log_odds
 from ._session_calibration import RESOLVED_AFTER_IMAGES, SessionCalibration, SessionDetector
 from ._session_size import for_session
 from ._settings import BaseSide, Polarity, ResolvedVision, VisionSettings
 from ._thesis_figures import figure_17, figure_18
+from .locator import fitted_log_odds, line_log_odds
 from .tracer import Tracer
 
 __all__ = [

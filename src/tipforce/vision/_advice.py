@@ -16,7 +16,6 @@ from ..types import Box, Catheter, FloatArray, Image, SessionInfo, ViewInfo
 from ._auto_calibrate import auto_calibrate, base_box, side_of
 from ._by_locator import detector_folder, stated_prompts, view_log_odds
 from ._detector import ShapeDetector
-from ._line_probability import probability
 from ._session_size import stated_size_px, with_view
 from ._settings import SIDES, BaseSide, VisionSettings
 from .locator import (
@@ -24,6 +23,7 @@ from .locator import (
     RoughPoints,
     as_colour,
     locate,
+    probability,
     read_points,
     rough_line,
 )
@@ -202,7 +202,7 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
     """
     stated = with_view(settings, info)
     network = detector_folder(stated.detector)
-    log_odds = view_log_odds(info.view(stated.view), network)
+    log_odds = view_log_odds(info.view(stated.view), network, marked=False)
     prompts = replace(stated_prompts(stated, stated_size_px(info, stated.view)), region=None, border=None)
     open_size = replace(prompts, length_px=None, diameter_px=None)
     tried = [open_size] if prompts.length_px is None else [prompts, open_size]

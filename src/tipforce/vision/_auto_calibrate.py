@@ -17,7 +17,6 @@ from ..geometry import tangents_and_normals
 from ..types import Box, DetectedShape, FloatArray, Image, SessionInfo, Status
 from ._by_locator import detector_folder, same_line, stated_prompts, view_log_odds
 from ._clamp import INWARD
-from ._line_probability import probability
 from ._session_size import (
     for_session,
     learn_length,
@@ -29,7 +28,7 @@ from ._session_size import (
     with_view,
 )
 from ._settings import BaseSide, LocatorPrior, Polarity, ResolvedVision, VisionSettings
-from .locator import MIN_FRAMES, Located, SessionConstants, session_constants
+from .locator import MIN_FRAMES, Located, SessionConstants, probability, session_constants
 from .tracer import Trace, Tracer
 
 _FRAMES = 16
@@ -280,7 +279,7 @@ def _of_session(
         if not agrees and enough_images(frames):
             raise NoCatheterError("the tracer follows another object than the locator finds", _remedy(stated))
         return _with_rejection(traced)
-    log_odds = view_log_odds(info.view(stated.view), network)
+    log_odds = view_log_odds(info.view(stated.view), network, marked=stated.base_region is not None)
     likely = max((probability(line, log_odds) for line in constants.lines if line is not None), default=0.0)
     if not agrees and likely < min(MIN_SESSION_PROBABILITY, settings.least_probability):
         begins = constants.base_px

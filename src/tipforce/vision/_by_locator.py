@@ -9,9 +9,19 @@ from .._system.json_files import read_json
 from ..errors import FileFormatError, InputError
 from ..geometry import tangents_and_normals
 from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status, ViewInfo
-from ._line_probability import XRAY_LOG_ODDS, probability
 from ._settings import USUAL_TIP_STD_PX, ResolvedVision, VisionSettings
-from .locator import DETECTOR_FACTS, DETECTOR_GRAPHS, Known, Located, Prompts, locate
+from .locator import (
+    DETECTOR_FACTS,
+    DETECTOR_GRAPHS,
+    MARKED_LOG_ODDS,
+    UNMARKED_XRAY_LOG_ODDS,
+    XRAY_LOG_ODDS,
+    Known,
+    Located,
+    Prompts,
+    locate,
+    probability,
+)
 from .tracer import Tracer
 
 MAX_BASE_DIAMETERS = 2.0
@@ -45,17 +55,20 @@ def detector_folder(detector: str | None) -> Path | None:
     return Path(detector)
 
 
-def view_log_odds(view: ViewInfo, folder: Path | None) -> float:
-    """Returns the ``log_odds`` of the lines in a view: those of X-ray, and of a fine-tuned detector; see `probability`.
+def view_log_odds(view: ViewInfo, folder: Path | None, *, marked: bool) -> float:
+    """Returns the ``log_odds`` of the lines in a view: of X-ray, a mark, and a fine-tuned detector; see `probability`.
 
     Args:
         view: metadata of the view.
         folder: folder of the detector; None: the networks that come with tipforce.
+        marked: whether a user has marked the base.
 
     Raises:
         FileFormatError: its facts cannot be read.
     """
-    own = XRAY_LOG_ODDS if view.modality == "xray" else 0.0
+    own = MARKED_LOG_ODDS if marked else 0.0
+    if view.modality == "xray":
+        own += XRAY_LOG_ODDS + (0.0 if marked else UNMARKED_XRAY_LOG_ODDS)
     if folder is None:
         return own
     facts = read_json(folder / DETECTOR_FACTS)

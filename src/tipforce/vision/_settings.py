@@ -65,7 +65,7 @@ class VisionSettings(BaseModel):
     detector: str | None = None
     """Folder of a locator that `tipforce annotate` fine-tuned. None: the one of the session's view, else the one that
     comes with tipforce."""
-    least_probability: Annotated[float, Field(ge=0, le=1)] = 0.85
+    least_probability: Annotated[float, Field(ge=0, le=1)] = 0.8
     """A frame whose centreline is right with less probability is refused, where the length of the catheter was learnt
     in images of its session. 0: none is."""
 

@@ -1,5 +1,13 @@
 """The locator: two trained networks that find the catheter, with all that is stated as their prompts."""
 
+from ._line_probability import (
+    MARKED_LOG_ODDS,
+    UNMARKED_XRAY_LOG_ODDS,
+    XRAY_LOG_ODDS,
+    fitted_log_odds,
+    line_log_odds,
+    probability,
+)
 from ._locate import Located, as_colour, locate, read_points, rough_line
 from ._networks import DETECTOR_FACTS, DETECTOR_GRAPHS, RoughPoints
 from ._prompts import Prompts
@@ -13,14 +21,20 @@ __all__ = [
     "DETECTOR_FACTS",
     "DETECTOR_GRAPHS",
     "HALF_WIDTH",
+    "MARKED_LOG_ODDS",
     "MIN_FRAMES",
+    "UNMARKED_XRAY_LOG_ODDS",
+    "XRAY_LOG_ODDS",
     "Known",
     "Located",
     "Prompts",
     "RoughPoints",
     "SessionConstants",
     "as_colour",
+    "fitted_log_odds",
+    "line_log_odds",
     "locate",
+    "probability",
     "read_points",
     "rough_line",
     "session_constants",

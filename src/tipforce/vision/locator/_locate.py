@@ -22,7 +22,7 @@ from ._prompts import NOMINAL_LENGTH_PX, Prompts
 from ._reading import MIN_SURE_SEEN, SAMPLES, Hint, Known, Reading, of_length, read_strip
 from ._strip import ACROSS, ALONG, HALF_WIDTH
 
-PYRAMID_SIDES_PX = (192, 320, 512)
+PYRAMID_SIDES_PX = (192, 320, 512, 768)
 """Where no length is known the image is read with its longer side of these lengths in px."""
 MAX_SIDE_PX = 960
 """The network's image is at most this large: a catheter that is shorter there is not found."""
@@ -72,6 +72,7 @@ class Located:
         spread: median standard deviation across the seen part, diameters.
         bend: largest curvature of the line, in 1 / length.
         misfit: median distance of the rough points from the line, diameters.
+        ends_apart: distance of the rough ends from those of the line, each weighed by its mass, lengths.
         diameter_px: diameter of the shaft as the second network sees it, also where another one is stated.
         darker: whether the shaft is darker than the ground beside it.
         other_base_px: (2,) u, v of the second most probable base.
@@ -92,6 +93,7 @@ class Located:
     spread: float
     bend: float
     misfit: float
+    ends_apart: float
     diameter_px: float
     darker: bool
     other_base_px: FloatArray
@@ -129,11 +131,17 @@ def read_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | 
     if prompts.length_px is not None:
         scale = min(NOMINAL_LENGTH_PX / prompts.length_px, MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
         return _read_at(image, prompts, scale, network)
-    sides = [side for side in PYRAMID_SIDES_PX if side <= MAX_MAGNIFICATION * longer] or PYRAMID_SIDES_PX[:1]
-    best = max((_read_at(image, prompts, side / longer, network) for side in sides), key=sureness)
+    best = max(readings_by_size(image, prompts, network), key=sureness)
     length = float(arc_length(rough_line(best))[-1])
     scale = min(NOMINAL_LENGTH_PX / max(length, 1.0), MAX_SIDE_PX / longer, MAX_MAGNIFICATION)
     return max(best, _read_at(image, prompts, scale, network), key=sureness)
+
+
+def readings_by_size(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | None) -> list[RoughPoints]:
+    """Returns the rough points in px of ``image`` (h, w, 3), read at each of several sizes: no length is stated."""
+    longer = max(image.shape[:2])
+    sides = [side for side in PYRAMID_SIDES_PX if side <= MAX_MAGNIFICATION * longer] or PYRAMID_SIDES_PX[:1]
+    return [_read_at(image, prompts, side / longer, network) for side in sides]
 
 
 def sureness(read: RoughPoints) -> float:
@@ -142,11 +150,14 @@ def sureness(read: RoughPoints) -> float:
 
 
 def _read_at(image: npt.NDArray[np.uint8], prompts: Prompts, scale: float, network: Path | None) -> RoughPoints:
+    rows, columns = image.shape[:2]
+    window = prompts.window(rows, columns)
+    u0, v0, u1, v1 = window
     way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
-    size = max(1, round(scale * image.shape[1])), max(1, round(scale * image.shape[0]))
-    small = np.asarray(cv2.resize(image, size, interpolation=way), np.uint8)
-    read = rough_points(small, prompts.at_scale(scale), network)
-    points, other = ((each + 0.5) / scale - 0.5 for each in (read.points, read.other_base))
+    size = max(1, round(scale * (u1 - u0))), max(1, round(scale * (v1 - v0)))
+    small = np.asarray(cv2.resize(image[v0:v1, u0:u1], size, interpolation=way), np.uint8)
+    read = rough_points(small, prompts.inside(window, rows, columns).at_scale(scale), network)
+    points, other = ((each + 0.5) / scale - 0.5 + (u0, v0) for each in (read.points, read.other_base))
     return read._replace(points=points, other_base=other)
 
 
@@ -217,13 +228,14 @@ def _located(
     seen = np.interp(station, along, twice.read.seen) > MIN_SURE_SEEN
     arc = arc_length(line)
     step = float(arc[-1]) / max(tip.at - base.at, 1.0)
-    ends = along[(along > tip.at - 3.0) & (along < tip.at + 0.5)]
-    tip_seen = float(twice.read.seen[ends].mean()) if len(ends) else 0.0
+    last = along[(along > tip.at - 3.0) & (along < tip.at + 0.5)]
+    tip_seen = float(twice.read.seen[last].mean()) if len(last) else 0.0
     shaft = (along > base.at) & (along < tip.at) & (twice.read.seen > MIN_SURE_SEEN)
     grey = twice.strip.values[:, shaft].mean(axis=-1) if shaft.any() else twice.strip.values.mean(axis=-1)
     even = resampled(line, BEND_POINTS)
     turns = np.diff(np.unwrap(np.arctan2(*np.diff(even, axis=0).T[::-1])))
     apart = np.linalg.norm(read.points[:, None] - line[None], axis=2).min(axis=1)
+    ends = read.mass[[0, -1]] * np.linalg.norm(read.points[[0, -1]] - line[[0, -1]], axis=1)
     return Located(
         points=resampled(line, points),
         std_px=twice.std_px(points),
@@ -239,6 +251,7 @@ def _located(
         spread=float(np.median(spread[shaft])) if shaft.any() else float(np.median(spread)),
         bend=float(np.abs(turns).max()) * BEND_POINTS,
         misfit=float(np.median(apart)) / diameter_px,
+        ends_apart=float(ends[0 if twice.base_in_view else 1 :].sum() / max(arc[-1], 1e-9)),
         diameter_px=diameter_px,
         darker=bool(np.median(grey[_AXIS]) < np.median(grey[_BESIDE])),
         other_base_px=read.other_base,

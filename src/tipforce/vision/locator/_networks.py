@@ -11,13 +11,12 @@ import numpy.typing as npt
 from scipy.special import expit, softmax
 
 from ...types import Box, FloatArray
+from ._peaks import STRIDE, course, highest_peak, shares_of
 from ._prompts import CHANNELS, SIZES, Prompts, channels
 from ._strip import Strip, strip_input
 
 POINTS = 16
 """Number of points that the first network returns, evenly from base to tip."""
-STRIDE = 4
-"""Px of the network's image to one cell of its heat maps."""
 OUTSIDE = 0
 """State of a point outside the image; the others are hidden and seen."""
 OTHER_BASE_CELLS = 4
@@ -109,20 +108,20 @@ def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path |
     sizes = 3 + SIZES[0]
     values[0, sizes:] = planes[SIZES[0] :, :1, :1]  # a size is stated beyond the image's border, too
     heat, states, present = _graph(network, 0).run(None, {"image": values})
-    shares = _shares(heat[0].astype(np.float64))
+    shares = shares_of(heat[0].astype(np.float64))
     in_region = 1.0
     if prompts.region is not None:
         all_of_it = max(float(shares[0].sum()), 1e-12)
         shares[0] *= _cells_in(prompts.region, *shares[0].shape)
         in_region = float(shares[0].sum()) / all_of_it
-    points, mass = _peaks(shares)
-    base = shares[:1].copy()
+    points, mass = course(shares)
+    base = shares[0].copy()
     column, row = np.rint((points[0] + 0.5) / STRIDE - 0.5).astype(int)
     reach = OTHER_BASE_CELLS
-    base[0, max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1] = 0.0
-    other, other_mass = _peaks(base)
+    base[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1] = 0.0
+    other, other_mass = highest_peak(base)
     likely = softmax(states[0].astype(np.float64), axis=1)
-    return RoughPoints(points, mass, likely, float(expit(float(present[0]))), other[0], float(other_mass[0]), in_region)
+    return RoughPoints(points, mass, likely, float(expit(float(present[0]))), other, other_mass, in_region)
 
 
 def _cells_in(region: Box, rows: int, columns: int) -> npt.NDArray[np.bool_]:
@@ -130,28 +129,6 @@ def _cells_in(region: Box, rows: int, columns: int) -> npt.NDArray[np.bool_]:
     u0, v0, u1, v1 = (edge / STRIDE for edge in region)
     u, v = np.arange(columns), np.arange(rows)
     return ((v > v0 - 2.0) & (v < v1 + 1.0))[:, None] & ((u > u0 - 2.0) & (u < u1 + 1.0))
-
-
-def _shares(logits: FloatArray) -> FloatArray:
-    """Returns the probability of each cell, (k, h, w); a logit of 0 is as likely as that the point is nowhere."""
-    top = np.maximum(logits.max(axis=(1, 2), keepdims=True), 0.0)
-    weights = np.exp(logits - top)
-    return weights / (weights.sum(axis=(1, 2), keepdims=True) + np.exp(-top))
-
-
-def _peaks(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns the points (k, 2) in px of the network's image and their masses (k,) from ``shares`` (k, h, w)."""
-    count, height, width = shares.shape
-    points, mass = np.empty((count, 2)), np.empty(count)
-    for k, flat in enumerate(shares.reshape(count, -1).argmax(axis=1).tolist()):
-        row, column = divmod(flat, width)
-        rows = np.arange(max(row - 1, 0), min(row + 2, height))
-        columns = np.arange(max(column - 1, 0), min(column + 2, width))
-        near = shares[k][np.ix_(rows, columns)]
-        mass[k] = near.sum()
-        inside = max(mass[k], 1e-12)
-        points[k] = (near.sum(axis=0) @ columns / inside, near.sum(axis=1) @ rows / inside)
-    return (points + 0.5) * STRIDE - 0.5, mass
 
 
 def refine(strip: Strip, network: Path | None = None) -> Offsets:

@@ -19,6 +19,8 @@ BASE_SIGMA_PX = 5.0
 """Standard deviation of the blob at a stated base, in px of the network's image."""
 MIN_SIZE_PX = 0.5
 """A smaller length or diameter counts as this."""
+REACH_LENGTHS = 1.3
+"""The image is read as far as this number of lengths from the base: the stated length may be too small."""
 BORDER_REACH_PX = 24.0
 """Width of the ramp along a stated border, in px of the network's image."""
 REGION_VALUE = 0.5
@@ -35,6 +37,7 @@ class Prompts:
         border: border of the image that the catheter comes from.
         length_px: length from base to tip, px.
         diameter_px: diameter of the shaft, px.
+        near_px: (2,) u, v of a point near a base that is not known: no prompt, the image is read around it.
     """
 
     base_px: FloatArray | None = None
@@ -42,6 +45,37 @@ class Prompts:
     border: str | None = None
     length_px: float | None = None
     diameter_px: float | None = None
+    near_px: FloatArray | None = None
+
+    def window(self, rows: int, columns: int) -> Box:
+        """Returns the part of the image, u0, v0, u1, v1, that the catheter reaches from its base.
+
+        The whole image where the base or the length is not known, or the base is far outside.
+
+        Args:
+            rows: height of the image.
+            columns: width of the image.
+        """
+        near = self.near_px if self.base_px is None else self.base_px
+        at = self.region if near is None else (*near, *near)
+        if at is None or self.length_px is None:
+            return 0, 0, columns, rows
+        reach = REACH_LENGTHS * self.length_px
+        u0, v0, u1, v1 = at[0] - reach, at[1] - reach, at[2] + reach, at[3] + reach
+        found = max(math.floor(u0), 0), max(math.floor(v0), 0), min(math.ceil(u1), columns), min(math.ceil(v1), rows)
+        return found if found[0] < found[2] and found[1] < found[3] else (0, 0, columns, rows)
+
+    def inside(self, window: Box, rows: int, columns: int) -> "Prompts":
+        """Returns the prompts for the part ``window`` of an image of ``rows`` and ``columns``."""
+        u0, v0, u1, v1 = window
+        cut = {"left": u0 > 0, "top": v0 > 0, "right": u1 < columns, "bottom": v1 < rows}
+        region = self.region
+        return replace(
+            self,
+            base_px=None if self.base_px is None else self.base_px - (u0, v0),
+            region=None if region is None else (region[0] - u0, region[1] - v0, region[2] - u0, region[3] - v0),
+            border=None if self.border is None or cut[self.border] else self.border,
+        )
 
     def at_scale(self, scale: float) -> "Prompts":
         """Returns the prompts for the image resized by ``scale``."""

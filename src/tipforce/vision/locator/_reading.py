@@ -22,7 +22,7 @@ from ._strip import ALONG, Strip, straightened
 INTERVALS = 9
 """Number of intervals of the spline along the strip."""
 MIN_OFFSET_STD = 0.003
-EXACT_SPREAD, EXCESS_EXPONENT, LARGEST_EXCESS, SPREAD_FACTOR = 0.005, 0.65, 2.2, 0.9
+EXACT_SPREAD, EXCESS_EXPONENT, LARGEST_EXCESS, SPREAD_FACTOR = 0.005, 0.8, 3.0, 0.9
 """The standard deviation of an offset, in diameters, from the spread that the network states: with a spread of 0.005
 or less it is 0.9 of it; larger ones state too little, by a power of the spread and at most this factor. Measured on 39
 sessions of three presets, docs/results/locator.md."""

@@ -17,17 +17,27 @@ from ...errors import InputError, NoCatheterError
 from ...geometry import arc_length
 from ...types import Box, FloatArray, Image
 from .._clamp import INWARD
-from ._locate import GUESSED_ASPECT, MIN_DIAMETER_PX, Located, as_colour, locate, read_points, rough_line, sureness
+from ._line_probability import probability
+from ._locate import Located, as_colour, locate, read_points, readings_by_size, rough_line
+from ._networks import OUTSIDE, RoughPoints
 from ._prompts import Prompts
 from ._reading import Known
 
 POINTS = 64
+MAX_FIRST_FRAMES = 4
+"""Number of images in which objects are looked for: each takes up to a quarter of a second."""
+MAX_OUTSIDE = 0.3
+"""A base that is more probably outside the image is no prompt."""
+SURE_PROBABILITY = 0.8
+"""An image whose line at the stated size is more probable is not read at other sizes."""
+MAX_OBJECTS = 2
+MIN_LENGTH_PX = 4.0
 MIN_SHARE = 0.3
 """The catheter must be found in this share of the images."""
 MAX_BASE_DIAMETERS, MAX_BASE_PX = 2.5, 5.0
 """Lines that begin within this distance begin at the same base."""
-RIVAL_SHARE, MIN_RIVAL_IMAGES = 0.25, 2
-"""Another base in this share of the images of the first, and in this number of images, may be the catheter's."""
+RIVAL_SHARE = 0.25
+"""Another object may be the catheter if its lines are this likely, as a share of those of the most likely one."""
 MIN_INWARD_COSINE = 0.0
 """A catheter that comes from a stated border begins in a direction away from it."""
 RIVAL_SCORE_SHARE = 0.8
@@ -42,6 +52,8 @@ ONE_LENGTH_STD_SHARE, MIN_LENGTH_STD_SHARE = 0.03, 0.004
 """Standard error of a length from one line, and the least one."""
 MIN_LENGTH_RATIO, MAX_LENGTH_RATIO = 0.8, 1.15
 """An object of another length than these shares of the stated one is not the catheter; its root may be hidden."""
+MIN_DIAMETER_RATIO, MAX_DIAMETER_RATIO = 0.45, 2.2
+"""Nor is an object whose diameter is another one than the stated one by more than these factors."""
 MAX_LENGTH_CHANGE_SHARE = 0.25
 """A line of another length than this share of the median one is wrong."""
 STILL_PX, STILL_PERCENT = 0.1, 80.0
@@ -92,34 +104,27 @@ def session_constants(
     Raises:
         InputError: no catheter is found, two objects could be it, or the object that is found does not move.
     """
-    sized = prompts
-    if prompts.length_px is None or prompts.diameter_px is None:
-        sized = replace(prompts, **_measured_size(frames, prompts, network))
-    assert sized.length_px is not None
-    assert sized.diameter_px is not None
     stated = (
         None if prompts.length_px is None else Known(prompts.length_px, STATED_LENGTH_STD_SHARE * prompts.length_px)
     )
-    first = [locate(frame, sized, POINTS, stated, network) for frame in frames]
+    first = _first_lines(frames, prompts, stated, network)
     found = [line for line in first if line is not None and line.is_there]
-    if len(found) < max(1.0, MIN_SHARE * len(frames)):
-        raise InputError(_nothing(first, len(found)))
-    if prompts.base_px is not None:
-        bases = [prompts.base_px]
-    else:
-        bases = _likely_bases(found, sized.diameter_px, prompts.border)
-    tried = [
-        [locate(frame, replace(sized, base_px=base), POINTS, stated, network) for frame in frames] for base in bases
-    ]
-    best = _chosen(bases, tried, sized, stated)
-    lines = tried[best]
+    if not found:
+        raise InputError(_nothing(first, 0, len(frames)))
+    objects = _likely_objects(found, prompts)
+    tried = [[locate(frame, each, POINTS, stated, network) for frame in frames] for each in objects]
+    best = _chosen(objects, tried, stated)
+    lines, sized = tried[best], objects[best]
+    assert sized.diameter_px is not None
     kept = [line for line in lines if line is not None and line.is_there]
     if len(kept) < max(1.0, MIN_SHARE * len(frames)):
-        raise InputError(_nothing(lines, len(kept)))
+        raise InputError(_nothing(lines, len(kept), len(frames)))
     begins = np.array([line.points[0] for line in kept])
     base = np.median(begins, axis=0)
     in_view = 2 * sum(line.base_in_view for line in kept) > len(kept)
-    length, error = _length(kept, base, stated if in_view else None)
+    near = np.linalg.norm(begins - base, axis=1) < max(MAX_BASE_DIAMETERS * sized.diameter_px, MAX_BASE_PX)
+    near_lines = [line for line, is_near in zip(kept, near, strict=True) if is_near] or kept
+    length, error = _length(near_lines, base, stated if in_view else None)
     if prompts.region is not None and not _in_box(base, prompts.region, sized.diameter_px):
         raise InputError(f"the object found begins at ({base[0]:.0f}, {base[1]:.0f}), outside base_region")
     if prompts.border is not None:
@@ -133,6 +138,12 @@ def session_constants(
         raise InputError(
             f"the object found is {length:.0f} px long, the stated length is {prompts.length_px:.0f} px: correct the "
             "catheter's length or the scale"
+        )
+    seen_px = statistics.median(line.diameter_px for line in kept)
+    if prompts.diameter_px is not None and not MIN_DIAMETER_RATIO < seen_px / prompts.diameter_px < MAX_DIAMETER_RATIO:
+        raise InputError(
+            f"the object found is {seen_px:.1f} px thick, the stated diameter is {prompts.diameter_px:.1f} px: correct "
+            "the catheter's diameter or the scale"
         )
     if moves and stands_still(np.array([line.points for line in kept]), frames):
         end = kept[0].points[-1]
@@ -156,53 +167,104 @@ def _median_angle(angles_rad: Sequence[float]) -> float:
     return math.atan2(statistics.median(map(math.sin, angles_rad)), statistics.median(map(math.cos, angles_rad)))
 
 
-def _nothing(lines: Sequence[Located | None], count: int) -> str:
+def _nothing(lines: Sequence[Located | None], count: int, images: int) -> str:
     likely = max((line.present for line in lines if line is not None), default=0.0)
-    return f"no catheter was found: one is visible in {count} of {len(lines)} images (probability {likely:.0%} at most)"
+    return f"no catheter was found: one is visible in {count} of {images} images (probability {likely:.0%} at most)"
 
 
-def _measured_size(frames: Sequence[Image], prompts: Prompts, network: Path | None) -> dict[str, float]:
-    """Returns the length and the diameter, px, that are not stated, from the surest half of the images."""
-    reads = [(read_points(as_colour(frame), prompts, network), frame) for frame in frames]
-    reads.sort(key=lambda pair: -sureness(pair[0]))
-    surest = reads[: (len(reads) + 1) // 2]
-    lengths = [float(arc_length(rough_line(read))[-1]) for read, _ in surest]
-    length = prompts.length_px or max(statistics.median(lengths), 4.0)
-    diameter = prompts.diameter_px
-    if diameter is None:
-        lines = [locate(frame, replace(prompts, length_px=length), POINTS, None, network) for _, frame in surest]
-        diameters = [line.diameter_px for line in lines if line is not None]
-        diameter = statistics.median(diameters) if diameters else max(length / GUESSED_ASPECT, MIN_DIAMETER_PX)
-    return {"length_px": length, "diameter_px": diameter}
+def _first_lines(
+    frames: Sequence[Image], prompts: Prompts, stated: Known | None, network: Path | None
+) -> list[Located | None]:
+    """Returns the lines in some of the images, from each object that the first network sees at one of several sizes.
+
+    The points at one size alone are no answer: where a catheter is small its mouth is not visible, and the tube that it
+    comes out of looks like a catheter. So each object is read again, in a window around its base, at its own size.
+    """
+
+    def again(frame: Image, read: RoughPoints) -> Located | None:
+        length = prompts.length_px or max(float(arc_length(rough_line(read))[-1]), MIN_LENGTH_PX)
+        own = replace(prompts, length_px=length)
+        if prompts.base_px is None and read.states[0, OUTSIDE] > MAX_OUTSIDE:
+            own = replace(own, near_px=read.points[1])
+        elif prompts.base_px is None:
+            own = replace(own, base_px=read.points[0])
+        return locate(frame, own, POINTS, stated, network)
+
+    lines: list[Located | None] = []
+    for frame in frames[:: -(-len(frames) // MAX_FIRST_FRAMES)]:
+        colour = as_colour(frame)
+        if prompts.length_px is not None:
+            line = again(frame, read_points(colour, prompts, network))
+            lines.append(line)
+            if line is not None and probability(line) > SURE_PROBABILITY:
+                continue
+        reads = readings_by_size(colour, replace(prompts, length_px=None, diameter_px=None), network)
+        lines += [again(frame, read) for read in reads]
+    return lines
 
 
-def _chosen(
-    bases: Sequence[FloatArray], tried: Sequence[Sequence[Located | None]], prompts: Prompts,
-    stated: Known | None,
-) -> int:  # fmt: skip
-    """Returns the index of the base whose lines are the surest; of one and the same shaft the better length counts.
+def _likely_objects(found: Sequence[Located], prompts: Prompts) -> list[Prompts]:
+    """Returns the prompts for the object whose lines are the most probable, and for a second one that is likely, too.
+
+    Lines that point toward the stated border do not count, unless all do.
+    """
+    if prompts.border is not None:
+        inward = _inward_rad(prompts.border)
+        found = [line for line in found if _points_inward(line, inward)] or found
+    begins, votes = np.array([line.points[0] for line in found]), np.array([probability(line) for line in found])
+    limits = np.maximum(MAX_BASE_DIAMETERS * np.array([line.diameter_px for line in found]), MAX_BASE_PX)
+    near = np.linalg.norm(begins[:, None] - begins, axis=2) < np.minimum(limits[:, None], limits)
+    objects, left, most = list[Prompts](), np.ones(len(found), bool), 0.0
+    for _ in range(MAX_OBJECTS):
+        sums = np.where(left, (near & left) @ votes, -1.0)
+        best = int(sums.argmax())
+        if sums[best] <= RIVAL_SHARE * most:
+            break
+        most = max(most, float(sums[best]))
+        own = near[best] & left
+        good = [
+            line
+            for line, is_own, vote in zip(found, own, votes, strict=True)
+            if is_own and 2.0 * vote >= votes[own].max()
+        ]
+        base = np.median([line.points[0] for line in good], axis=0)
+        length = prompts.length_px or statistics.median(line.length_px for line in good)
+        diameter = prompts.diameter_px or statistics.median(line.diameter_px for line in good)
+        given = base if prompts.base_px is None else prompts.base_px
+        objects.append(replace(prompts, base_px=given, length_px=length, diameter_px=diameter))
+        left &= ~near[best]
+        if prompts.base_px is not None or not left.any():
+            break
+    return objects
+
+
+def _chosen(objects: Sequence[Prompts], tried: Sequence[Sequence[Located | None]], stated: Known | None) -> int:
+    """Returns the index of the object whose lines are the surest; on one and the same shaft the length counts, too.
 
     Raises NoCatheterError where two objects are as likely.
     """
-    inward = None if prompts.border is None else _inward_rad(prompts.border)
+    inward = None if objects[0].border is None else _inward_rad(objects[0].border)
     kept = [
         [each for each in lines if each is not None and (inward is None or _points_inward(each, inward))]
         for lines in tried
     ]
-    scores = [sum(line.sureness for line in lines) for lines in kept]
+    scores = [sum(map(probability, lines)) for lines in kept]
     best = int(np.argmax(scores))
-    assert prompts.diameter_px is not None
-    for rival, (base, score) in enumerate(zip(bases, scores, strict=True)):
+    for rival, score in enumerate(scores):
         if rival == best or score <= RIVAL_SCORE_SHARE * scores[best]:
             continue
-        one, other = kept[best][0].points, kept[rival][0].points
-        if _same_shaft(one, other, prompts.diameter_px):
-            off = [_length_off(kept[k], stated) for k in (best, rival)]
-            best = rival if off[1] < off[0] else best
+        diameter = objects[best].diameter_px
+        assert diameter is not None
+        if _same_shaft(kept[best][0].points, kept[rival][0].points, diameter):
+            surer = 0.0 if stated is None else len(kept[best]) * math.log(scores[best] / score)
+            best = rival if _length_off(kept[rival], stated) + surer < _length_off(kept[best], stated) else best
             continue
+        one, other = (objects[k].base_px for k in (best, rival))
+        assert one is not None
+        assert other is not None
         raise NoCatheterError(
-            f"two objects could be the catheter: one begins near ({bases[best][0]:.0f}, {bases[best][1]:.0f}), the "
-            f"other near ({base[0]:.0f}, {base[1]:.0f})",
+            f"two objects could be the catheter: one begins near ({one[0]:.0f}, {one[1]:.0f}), the "
+            f"other near ({other[0]:.0f}, {other[1]:.0f})",
             several=True,
         )
     return best
@@ -225,33 +287,9 @@ def _same_shaft(one: FloatArray, other: FloatArray, diameter_px: float) -> bool:
 
 
 def _length_off(lines: Sequence[Located], stated: Known | None) -> float:
-    """Returns the distance of the lines' length from the stated one; where none is stated the longest is best."""
+    """Returns half the square of the lines' error of length in standard errors; none stated: the longest is best."""
     length = statistics.median(line.length_px for line in lines)
-    return -length if stated is None else abs(length - stated.length_px)
-
-
-def _likely_bases(found: Sequence[Located], diameter_px: float, border: str | None) -> list[FloatArray]:
-    """Returns the base (2,) where most lines begin, and a second one where enough of them begin elsewhere.
-
-    Lines that point toward the stated ``border`` do not count, unless all do.
-    """
-    if border is not None:
-        inward = _inward_rad(border)
-        found = [line for line in found if _points_inward(line, inward)] or found
-    begins = np.array([line.points[0] for line in found] + [line.other_base_px for line in found])
-    weight = np.array([line.sureness for line in found] + [line.other_base_mass for line in found])
-    limit = max(MAX_BASE_DIAMETERS * diameter_px, MAX_BASE_PX)
-    near = np.linalg.norm(begins[:, None] - begins, axis=2) < limit
-    votes = near @ weight
-    best = int(votes.argmax())
-    bases = [np.median(begins[near[best]], axis=0)]
-    others = ~near[best]
-    if others.sum() >= MIN_RIVAL_IMAGES:
-        rival = int(np.where(others, (near & others) @ weight, -1.0).argmax())
-        own = near[rival] & others
-        if own @ weight > RIVAL_SHARE * votes[best]:
-            bases.append(np.median(begins[own], axis=0))
-    return bases
+    return -length if stated is None else 0.5 * ((length - stated.length_px) / stated.length_std_px) ** 2
 
 
 def _length(lines: Sequence[Located], base_px: FloatArray, stated: Known | None) -> tuple[float, float]:

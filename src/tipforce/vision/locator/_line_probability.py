@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..types import FloatArray
-from .locator import Located
+from ...types import FloatArray
+from ._locate import Located
 
 MAX_LOGIT = 6.0
 """Larger logits say no more."""
@@ -30,23 +30,28 @@ class LineFeatures(NamedTuple):
     """Logarithm of the largest curvature."""
     misfit: float
     """Median distance of the rough points from the line, in diameters."""
+    ends: float
+    """Distance of the rough ends from those of the line, in lengths."""
 
 
+MAX_ENDS_APART = 0.2
 MAX_SCORE = 3.0
 """A feature further from the mean, in standard deviations, says no more."""
 # BEGIN: printed by python -m bench.locator.probability
-MEANS = np.array([3.73, -0.338, 5.86, -3.7, -0.125, 0.0948, 0.154])
-SPREADS = np.array([1.82, 0.226, 0.746, 0.545, 0.152, 0.817, 0.183])
+MEANS = np.array([4.2, -0.366, 5.74, -3.65, -0.151, 0.124, 0.147, 0.0358])
+SPREADS = np.array([2.05, 0.307, 0.963, 0.594, 0.154, 0.8, 0.176, 0.0362])
 WEIGHTS = np.array([
-    2.22, 0.813, 0.483, 0.409, -0.278, 0.0171, -1.08, -0.392, -0.0667, -0.00505, 0.0809, 0.105,
-    0.134, -0.282, 0.0234, 0.0294, -0.044, 0.0513, -0.291, 0.122, -0.158, -0.0669, 0.202, 0.214,
-    0.0796, -0.0551, -0.132, -0.155, 0.0408, 0.0749, -0.197, -0.297, 0.22, 0.0113, -0.505, 0.17,
+    1.59, 0.477, 0.908, 0.37, -0.84, 0.245, -0.228, -0.348, -0.59,
 ])  # fmt: skip
-XRAY_LOG_ODDS = -1.28
+XRAY_LOG_ODDS, MARKED_LOG_ODDS = -1.14, 0.458
 # END
-"""Weights of a logistic regression on the features, standardised, and their products, and the logit by which lines in
-X-ray images are right less often: simulated sessions and composed scenes that were not used in training,
-docs/results/locator.md."""
+"""Weights of a logistic regression on the features, standardised, the constant first, and the logits by which lines are
+right more often in X-ray images, and where a user has marked the base: simulated sessions and composed scenes that were
+not used in training, docs/results/locator.md."""
+
+UNMARKED_XRAY_LOG_ODDS = -0.8
+"""Logit that is added in X-ray images where no base is marked: a line along another instrument has the features of a
+right one. Chosen on 74 sessions of `fluoro` and `biplane`, of which 9 show another instrument in most frames."""
 
 PRIOR_STD = 1.5
 """Standard deviation of ``log_odds`` before a line of the fine-tuned detector is judged."""
@@ -63,20 +68,20 @@ def line_features(line: Located) -> LineFeatures:
         math.log(max(line.tip_peak, 0.05)) * line.tip_seen,
         math.log(max(line.bend, 0.5)),
         min(line.misfit, 2.0),
+        min(line.ends_apart, MAX_ENDS_APART),
     )
 
 
 def standardised(features: FloatArray, means: FloatArray = MEANS, spreads: FloatArray = SPREADS) -> FloatArray:
-    """Returns (n, k): 1, the standardised features, and the products of each two of them.
+    """Returns (n, 9): 1, and the features in standard deviations from their means.
 
     Args:
-        features: (n, 7) features.
-        means: (7,) their means.
-        spreads: (7,) their standard deviations.
+        features: (n, 8) features.
+        means: (8,) their means.
+        spreads: (8,) their standard deviations.
     """
     scores = np.clip((features - means) / spreads, -MAX_SCORE, MAX_SCORE)
-    rows, columns = np.triu_indices(scores.shape[1])
-    return np.hstack([np.ones((len(scores), 1)), scores, scores[:, rows] * scores[:, columns]])
+    return np.hstack([np.ones((len(scores), 1)), scores])
 
 
 def probability(line: Located, log_odds: float = 0.0) -> float:
@@ -84,7 +89,7 @@ def probability(line: Located, log_odds: float = 0.0) -> float:
 
     Args:
         line: a line of the locator.
-        log_odds: logit by which lines of this session are right more often: of its detector, and of X-ray.
+        log_odds: logit by which lines of this session are right more often: of its detector, X-ray, a marked base.
     """
     return 1.0 / (1.0 + math.exp(-min(max(line_log_odds(line) + log_odds, -30.0), 30.0)))
 
