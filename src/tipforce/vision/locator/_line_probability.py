@@ -35,6 +35,7 @@ class LineFeatures(NamedTuple):
 
 
 MAX_ENDS_APART = 0.2
+"""Ends that are further apart, in lengths, say no more."""
 MAX_SCORE = 3.0
 """A feature further from the mean, in standard deviations, says no more."""
 # BEGIN: printed by python -m bench.locator.probability

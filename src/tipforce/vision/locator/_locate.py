@@ -1,7 +1,7 @@
 """Locates the catheter in one image: rough points by the first network, then the line by the second.
 
-The first network reads the whole image with its prompts. The second reads the strip of image along the line through
-these points, twice: the second time along its own line, and in the width that it finds. The end of the line is where
+The first network reads the image, or the window around a known base, with its prompts. One course leads through its
+points. The second network reads the strip of image along this line, twice: the second time along its own line, and in the width that it finds. The end of the line is where
 the posterior of the tip is highest: the second network's distribution times the session's length with its standard
 error. So a hidden tip is at that length, with a standard deviation that says so.
 """
@@ -75,8 +75,6 @@ class Located:
         ends_apart: distance of the rough ends from those of the line, each weighed by its mass, lengths.
         diameter_px: diameter of the shaft as the second network sees it, also where another one is stated.
         darker: whether the shaft is darker than the ground beside it.
-        other_base_px: (2,) u, v of the second most probable base.
-        other_base_mass: its probability.
     """
 
     points: FloatArray
@@ -96,18 +94,11 @@ class Located:
     ends_apart: float
     diameter_px: float
     darker: bool
-    other_base_px: FloatArray
-    other_base_mass: float
 
     @property
     def is_there(self) -> bool:
         """Whether the networks see a catheter at all."""
         return self.present >= MIN_PRESENT and self.mass >= MIN_MASS
-
-    @property
-    def sureness(self) -> float:
-        """How sure both networks are of the line, 0 to 1."""
-        return self.mass * self.present / (1.0 + math.exp(-self.right))
 
     @property
     def heading_rad(self) -> float:
@@ -254,8 +245,6 @@ def _located(
         ends_apart=float(ends[0 if twice.base_in_view else 1 :].sum() / max(arc[-1], 1e-9)),
         diameter_px=diameter_px,
         darker=bool(np.median(grey[_AXIS]) < np.median(grey[_BESIDE])),
-        other_base_px=read.other_base,
-        other_base_mass=read.other_mass,
     )
 
 

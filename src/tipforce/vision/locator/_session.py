@@ -1,7 +1,8 @@
 """Constants of a session, which its images agree on: the catheter's base, length and diameter.
 
-Each image is read with the stated prompts alone. The base where most lines begin then becomes a prompt of its own, the
-images are read again, and the length is that of the lines whose tip is seen.
+Objects are looked for in some images, at several sizes, and each is read again in a window around its base, at its own
+size. The object whose lines are the most probable is the catheter: its base and size become prompts, all images are
+read with them, and the length is that of the lines whose tip is seen.
 """
 
 import math
