@@ -1,9 +1,10 @@
 """Locates the catheter in one image: rough points by the first network, then the line by the second.
 
 The first network reads the image, or the window around a known base, with its prompts. One course leads through its
-points. The second network reads the strip of image along this line, twice: the second time along its own line, and in the width that it finds. The end of the line is where
-the posterior of the tip is highest: the second network's distribution times the session's length with its standard
-error. So a hidden tip is at that length, with a standard deviation that says so.
+points. The second network reads the strip of image along this line, twice: the second time along its own line, and in
+the width that it finds. The end of the line is where the posterior of the tip is highest: the second network's
+distribution times the session's length with its standard error. So a hidden tip is at that length, with a standard
+deviation that says so.
 """
 
 import math
