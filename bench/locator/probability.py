@@ -19,7 +19,13 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from tipforce.vision.locator import _line_probability
-from tipforce.vision.locator._line_probability import MARKED_LOG_ODDS, WEIGHTS, XRAY_LOG_ODDS, standardised
+from tipforce.vision.locator._line_probability import (
+    MARKED_LOG_ODDS,
+    UNMARKED_XRAY_LOG_ODDS,
+    WEIGHTS,
+    XRAY_LOG_ODDS,
+    standardised,
+)
 
 STEPS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0)
 """Limits of the rows of the reliability table."""
@@ -67,6 +73,7 @@ def main() -> None:
     in_xray, is_marked = np.concatenate(xray), np.concatenate(marked)
     print("by the weights in tipforce:")
     score = standardised(x) @ WEIGHTS + XRAY_LOG_ODDS * in_xray + MARKED_LOG_ODDS * is_marked
+    score += UNMARKED_XRAY_LOG_ODDS * (in_xray & ~is_marked)
     _reliability(1.0 / (1.0 + np.exp(-score)), y)
     means, spreads = x.mean(axis=0), x.std(axis=0)
     terms = np.column_stack([standardised(x, means, spreads)[:, 1:], in_xray, is_marked])

@@ -18,7 +18,7 @@ from .._system.extras import import_extra
 from ..errors import FileFormatError, InputError
 from ..types import FloatArray, Image
 from ..vision import Annotation, fitted_log_odds, line_log_odds
-from ..vision.locator import DETECTOR_FACTS, DETECTOR_GRAPHS, Located, Prompts, locate
+from ..vision.locator import DETECTOR_FACTS, DETECTOR_GRAPHS, Located, Prompts, session_constants
 
 if TYPE_CHECKING:
     from ..training.locator import LabelledImage
@@ -38,8 +38,6 @@ RIGHT_WITHIN_LENGTH_SHARE, RIGHT_SHARE = 0.03, 0.85
 line: 3 px where the network reads it."""
 END_WITHIN_LENGTH_SHARE = 0.1
 """For the probability base and visible tip are within this share of the length too."""
-JUDGED_POINTS = 64
-"""Points of a line."""
 
 Progress = Callable[[str, float], None]
 """Called with a description of the current work and its finished share (0..1)."""
@@ -187,9 +185,7 @@ def fine_tune_locator(
     with replacing_folder(folder) as part:
         (part / DETECTOR_GRAPHS[0]).write_bytes(graph_with_weights(sources[0].read_bytes(), tuned.network))
         (part / DETECTOR_GRAPHS[1]).write_bytes(graph_with_line_weights(sources[1].read_bytes(), tuned_line.network))
-        old, new = (
-            [locate(each.image, prompts, JUDGED_POINTS, network=network) for each in shown] for network in (init, part)
-        )
+        old, new = ([_detected(each.image, prompts, network) for each in shown] for network in (init, part))
         before, after = (_figures(lines, shown, truth) for lines in (old, new))
         facts: dict[str, Any] = {
             "kind": "tipforce detector",
@@ -213,6 +209,14 @@ def fine_tune_locator(
     )
     report("done", 1.0)
     return FineTuneResult(folder, time.monotonic() - began, before, after, left_out)
+
+
+def _detected(image: Image, prompts: Prompts, network: Path | None) -> Located | None:
+    """Returns the line in ``image`` as detection reads a session of this one image; None where it refuses it."""
+    try:
+        return session_constants([image], prompts, moves=False, network=network).lines[0]
+    except InputError:
+        return None
 
 
 def _log_odds(

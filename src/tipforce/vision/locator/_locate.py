@@ -24,7 +24,7 @@ from ._reading import MIN_SURE_SEEN, SAMPLES, Hint, Known, Reading, of_length, r
 from ._strip import ACROSS, ALONG, HALF_WIDTH
 
 PYRAMID_SIDES_PX = (192, 320, 512, 768)
-"""Where no length is known the image is read with its longer side of these lengths in px."""
+"""Objects are looked for in the image with its longer side of these lengths in px."""
 MAX_SIDE_PX = 960
 """The network's image is at most this large: a catheter that is shorter there is not found."""
 MAX_MAGNIFICATION = 3.0
