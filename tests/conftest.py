@@ -90,15 +90,19 @@ def _shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _kept(compute: Callable[..., Any], folder: Path) -> Callable[..., Any]:
-    """``compute(*inputs, network)``, whose results are kept in ``folder`` by the bytes of its inputs."""
+    """``compute(*inputs, **named)``, whose results are kept in ``folder`` by the bytes of its inputs.
 
-    def call(*inputs: Any) -> Any:
+    The last of the inputs may be the folder of a network.
+    """
+
+    def call(*inputs: Any, **named: Any) -> Any:
         graphs = sorted(inputs[-1].glob("*.onnx")) if isinstance(inputs[-1], Path) else []
         changed = [path.stat().st_mtime_ns for path in graphs]
-        path = folder / hashlib.blake2b(pickle.dumps((compute.__name__, inputs, changed)), digest_size=16).hexdigest()
+        given = pickle.dumps((compute.__name__, inputs, named, changed))
+        path = folder / hashlib.blake2b(given, digest_size=16).hexdigest()
         if not path.is_file():
             part = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}")
-            part.write_bytes(pickle.dumps(compute(*inputs)))
+            part.write_bytes(pickle.dumps(compute(*inputs, **named)))
             part.replace(path)
         return pickle.loads(path.read_bytes())
 
@@ -106,15 +110,21 @@ def _kept(compute: Callable[..., Any], folder: Path) -> Callable[..., Any]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _networks_read_an_image_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Many tests detect the catheter in the same images, which the detector's networks need to read only once."""
+def _same_inputs_are_computed_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Many tests detect the catheter in the same images and import the same run.
+
+    The detector's networks read each image once, and the clock map of a run is found once. The tests of the clock map
+    itself call its function directly.
+    """
+    from tipforce.alignment import _find_clock
     from tipforce.vision.locator import _locate, _reading
 
-    folder = _shared_folder(tmp_path_factory) / "read-by-networks"
+    folder = _shared_folder(tmp_path_factory) / "computed-once"
     folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_locate, "rough_points", _kept(_locate.rough_points, folder))
         patch.setattr(_reading, "refine", _kept(_reading.refine, folder))
+        patch.setattr(_find_clock, "estimate_clock", _kept(_find_clock.estimate_clock, folder))
         yield
 
 

@@ -38,16 +38,21 @@ class Run:
     stamp_ns: np.ndarray
 
 
+def force_readings(per_second: int, rng: np.random.Generator) -> np.ndarray:
+    """(8 per_second, 3): time in s, fx and fy in N with noise and the bias of the sensor."""
+    t = np.arange(8 * per_second) / per_second
+    force = np.outer(push(t + OFFSET_S), [0.05, -0.2]) + BIAS + rng.normal(0, 0.003, (len(t), 2))
+    return np.round(np.column_stack([t, force]), 4)
+
+
 @pytest.fixture(scope="session")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Eight seconds at 24 frames/s with jitter; camera time = force time + 40 ms."""
+    """Eight seconds at 24 frames/s with jitter and 250 forces/s; camera time = force time + 40 ms."""
     folder, rng = tmp_path_factory.mktemp("run"), np.random.default_rng(0)
     seconds = np.arange(192) / 24 + rng.uniform(0, 2e-3, 192)
     stamps = np.rint(seconds * 1e9).astype(np.int64)
     write_video(folder / "video.mp4", (Frame(int(s), draw_image(float(push(s * 1e-9)))) for s in stamps), 24)
-    t = np.arange(0, 8.0, 1e-3)
-    force = np.outer(push(t + OFFSET_S), [0.05, -0.2]) + BIAS + rng.normal(0, 0.003, (len(t), 2))
-    rows = [f"{a:.3f},{b:.4f},{c:.4f}" for a, (b, c) in zip(t, force, strict=True)]
+    rows = [f"{a:.3f},{b:.4f},{c:.4f}" for a, b, c in force_readings(250, rng)]
     (folder / "force.csv").write_text("time_s,fx_n,fy_n\n" + "\n".join(rows) + "\n")
     return Run(folder / "video.mp4", folder / "force.csv", stamps - stamps[0])
 

@@ -22,14 +22,14 @@ from tipforce.pipelines import (
 )
 from tipforce.types import SensorInfo, SessionInfo
 
-from ..short_run import BIAS, OFFSET_S, Run, push  # type: ignore[import-not-found]
+from ..short_run import BIAS, OFFSET_S, Run, force_readings, push  # type: ignore[import-not-found]
 
 BENCH = SessionInfo(sensor=SensorInfo(0, "tissue-on-tip", no_contact_s=(0.0, 1.8)))
 
 
-def table(run: Run) -> np.ndarray:
+def table() -> np.ndarray:
     """(8000, 3): time, fx, fy."""
-    return np.loadtxt(run.force, delimiter=",", skiprows=1)
+    return force_readings(1000, np.random.default_rng(1))
 
 
 def imported(
@@ -61,14 +61,14 @@ def labelled(found: Labels) -> int:
 
 
 def test_a_clean_log_has_no_remark_on_its_readings(run: Run, tmp_path: Path) -> None:
-    report, found, rms = imported(run, tmp_path, table(run))
+    report, found, rms = imported(run, tmp_path, table())
     assert report.summary.info.plausibility.lines() == []
     assert labelled(found) > 185
     assert rms < 0.005
 
 
 def test_a_zero_that_was_pressed_in_mid_session_is_corrected(run: Run, tmp_path: Path) -> None:
-    rows = table(run)
+    rows = table()
     rows[5000:, 1:] -= rows[5000, 1:]
     report, found, rms = imported(run, tmp_path, rows)
     said = "\n".join(describe_recording(report.summary))
@@ -79,7 +79,7 @@ def test_a_zero_that_was_pressed_in_mid_session_is_corrected(run: Run, tmp_path:
 
 
 def test_readings_with_an_error_status_give_no_labels(run: Run, tmp_path: Path) -> None:
-    rows, status = table(run), np.zeros(8000, np.int64)
+    rows, status = table(), np.zeros(8000, np.int64)
     rows[3000:3300, 1:], status[3000:3300] = -13.0, 0x80010000
     report, found, rms = imported(run, tmp_path, rows, status)
     assert "error status: 300 readings not used (3.00-3.30 s)" in "\n".join(describe_recording(report.summary))
@@ -92,7 +92,7 @@ def test_readings_with_an_error_status_give_no_labels(run: Run, tmp_path: Path) 
 def test_a_status_column_of_other_meaning_can_be_left_out(run: Run, tmp_path: Path) -> None:
     status = np.ones(8000, np.int64)
     with pytest.raises(InputError, match=r'no reading that may be used.*state sensor\.log\.status = ""') as caught:
-        imported(run, tmp_path, table(run), status)
+        imported(run, tmp_path, table(), status)
     assert "8000 readings" in str(caught.value)
     import_session(
         run.video, tmp_path / "force.csv", tmp_path / "run.mcap", offset_ms=40.0,
@@ -101,7 +101,7 @@ def test_a_status_column_of_other_meaning_can_be_left_out(run: Run, tmp_path: Pa
 
 
 def test_a_clipped_axis_gives_no_labels_at_its_limit(run: Run, tmp_path: Path) -> None:
-    rows = table(run)
+    rows = table()
     rows[:, 2] = np.maximum(rows[:, 2], BIAS[1] - 0.1)
     report, found, rms = imported(run, tmp_path, rows)
     assert "fy stays at -0.2 N, the end of its range" in "\n".join(describe_recording(report.summary))
@@ -111,18 +111,18 @@ def test_a_clipped_axis_gives_no_labels_at_its_limit(run: Run, tmp_path: Path) -
 
 def test_readings_at_the_stated_range_of_the_sensor_give_no_labels(run: Run, tmp_path: Path) -> None:
     """Too few to show a plateau: only the data sheet of the sensor shows that they are clipped."""
-    rows = table(run)
+    rows = table()
     limit = float(np.sort(np.abs(rows[:, 2]))[-6])
     rows[:, 2] = np.clip(rows[:, 2], -limit, limit)
     report, _, _ = imported(run, tmp_path, rows)
     assert "clipped" not in "\n".join(describe_recording(report.summary))
     stated = replace(BENCH, sensor=replace(BENCH.sensor, range_n=(3.0, limit, 9.0)))
     report, _, _ = imported(run, tmp_path / "stated", rows, bench=stated)
-    assert re.search(r"clipped: \d+ readings not used .*0\.403 N", "\n".join(describe_recording(report.summary)))
+    assert re.search(rf"clipped: \d+ readings not used .*{limit:.4g} N", "\n".join(describe_recording(report.summary)))
 
 
 def test_spikes_and_a_gap_give_no_labels(run: Run, tmp_path: Path) -> None:
-    rows = table(run)
+    rows = table()
     rows[[2500, 4444, 7000], 2] += 500.0
     rows[3000:3020, 1:] = rows[6000:6400, 1:] = np.nan
     report, found, rms = imported(run, tmp_path, rows)
@@ -138,17 +138,17 @@ def test_spikes_and_a_gap_give_no_labels(run: Run, tmp_path: Path) -> None:
 
 def test_a_tare_in_contact_is_refused_with_a_stretch_that_does(run: Run, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"in contact at 3 to 6 s of the force log.*for example tare=\(0, 2\)"):
-        imported(run, tmp_path, table(run), tare=(3.0, 6.0))
+        imported(run, tmp_path, table(), tare=(3.0, 6.0))
     with pytest.raises(InputError, match=r"tare=\(0, inf\): expected a stretch of time"):
-        imported(run, tmp_path, table(run), tare=(0.0, float("inf")))
+        imported(run, tmp_path, table(), tare=(0.0, float("inf")))
     assert not list(tmp_path.glob("*.mcap*"))
-    _, found, rms = imported(run, tmp_path, table(run), tare=(0.0, 2.0))
+    _, found, rms = imported(run, tmp_path, table(), tare=(0.0, 2.0))
     assert labelled(found) > 185
     assert rms < 0.006
 
 
 def test_a_recording_whose_tare_was_in_contact_gets_another_one_in_a_copy(run: Run, tmp_path: Path) -> None:
-    imported(run, tmp_path, table(run))
+    imported(run, tmp_path, table())
     bad, good = tmp_path / "recorded.mcap", tmp_path / "NEW.mcap"
     with pytest.raises(InputError, match="in contact at 3 to 6 s of the force log") as caught:
         record(RecordingReader(tmp_path / "run.mcap"), bad, tare=(3.0, 6.0), offset_ms=1e3 * OFFSET_S)
@@ -170,7 +170,7 @@ def test_a_recording_whose_tare_was_in_contact_gets_another_one_in_a_copy(run: R
 
 
 def test_findings_are_drawn_as_stretches_of_time(run: Run, tmp_path: Path) -> None:
-    rows = table(run)
+    rows = table()
     rows[6000:6400, 1:] = np.nan
     rows[5000:, 1:] -= rows[5000, 1:]
     report, _, _ = imported(run, tmp_path, rows)

@@ -36,7 +36,7 @@ def test_import_finds_offset_and_tare_and_yields_the_force(run: Run, tmp_path: P
     assert info.clock_map.offset_ms == pytest.approx(1e3 * OFFSET_S, abs=8)  # a drawn line is no elastic rod
     assert info.tare.how == "detected"
     np.testing.assert_allclose(info.tare.force_n[:2], BIAS, atol=2e-3)
-    assert (info.streams["camera"].count, info.streams["force"].count) == (192, 8000)
+    assert (info.streams["camera"].count, info.streams["force"].count) == (192, 2000)
     with RecordingReader(tmp_path / "run.mcap") as reader:
         found = labels(reader)
         truth = np.outer(push(found.stamp_ns * 1e-9), [0.05, -0.2])
@@ -70,7 +70,7 @@ def test_a_log_that_counts_from_another_zero_is_aligned_where_that_is_stated(run
 
 def test_stamps_before_zero_move_all_streams_alike(run: Run, tmp_path: Path) -> None:
     early = tmp_path / "force.csv"
-    early.write_text("time_s,fx_n,fy_n\n" + "".join(f"{k / 1000 - 0.5:.3f},{k / 1000},0\n" for k in range(8000)))
+    early.write_text("time_s,fx_n,fy_n\n" + "".join(f"{k / 250 - 0.5:.3f},{k / 250},0\n" for k in range(2000)))
     import_session(
         run.video, early, tmp_path / "run.mcap", offset_ms="none", tare="none",
         bench=SessionInfo(sensor=SensorInfo(0, "tissue-on-tip")),
@@ -95,7 +95,7 @@ def test_forces_that_no_catheter_bears_are_remarked_on(run: Run, tmp_path: Path)
 
 def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) -> None:
     table = tmp_path / "force.csv"
-    table.write_text("time_s,fx_n,knob\n" + "".join(f"{k / 1000:.3f},0.1,{k / 100}\n" for k in range(8000)))
+    table.write_text("time_s,fx_n,knob\n" + "".join(f"{k / 250:.3f},0.1,{k / 25}\n" for k in range(2000)))
     knob = tmp_path / "knob.csv"
     knob.write_text("time_s,knob_deg\n" + "".join(f"{k / 10:.1f},{k}\n" for k in range(81)))
     import_session(
@@ -117,7 +117,7 @@ def test_the_knob_may_be_a_column_or_a_log_of_its_own(run: Run, tmp_path: Path) 
 
 def test_the_knobs_column_of_a_force_log_follows_the_logs_clock(run: Run, tmp_path: Path) -> None:
     table = tmp_path / "force.csv"
-    table.write_text("time_s,fx_n,knob\n" + "".join(f"{k / 1000:.3f},0.1,{k / 100}\n" for k in range(8000)))
+    table.write_text("time_s,fx_n,knob\n" + "".join(f"{k / 250:.3f},0.1,{k / 25}\n" for k in range(2000)))
     bench = SessionInfo(actuation=ActuationInfo(knob_column="knob"))
     import_session(run.video, table, tmp_path / "run.mcap", bench=bench, offset_ms=500.0, rate=0.8, tare="none")
     with RecordingReader(tmp_path / "run.mcap") as reader:
@@ -316,7 +316,7 @@ def test_a_failed_import_leaves_nothing_behind(
 def test_an_import_that_was_killed_is_simply_run_again(run: Run, tmp_path: Path) -> None:
     """A longer leftover of an earlier import stands under the temporary name."""
     writer = RecordingWriter(tmp_path / "run.mcap", SessionInfo(), origin="import")
-    for k in range(20_000):
+    for k in range(5_000):
         writer.write(Actuation(k * 1_000_000, {"a_mm": 1.0}))
     writer._halt()
     writer._mcap.flush()
@@ -325,7 +325,7 @@ def test_an_import_that_was_killed_is_simply_run_again(run: Run, tmp_path: Path)
     with pytest.raises(FileFormatError, match="run the import again"):
         RecordingReader(tmp_path / "run.mcap")
     import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms="none")
-    assert summarise_recording(tmp_path / "run.mcap").info.streams["force"].count == 8000
+    assert summarise_recording(tmp_path / "run.mcap").info.streams["force"].count == 2000
     with pytest.raises(FileFormatError, match="exists already"):
         import_session(run.video, run.force, tmp_path / "run.mcap", offset_ms="none")
 
@@ -349,12 +349,12 @@ def test_an_offset_that_leaves_no_image_a_force_is_refused_with_both_spans(run: 
 
 def test_a_log_that_covers_a_part_of_the_video_is_remarked_on(run: Run, tmp_path: Path) -> None:
     lines = run.force.read_text().splitlines()
-    (tmp_path / "short.csv").write_text("\n".join(lines[:1201]))
+    (tmp_path / "short.csv").write_text("\n".join(lines[:301]))
     report = import_session(run.video, tmp_path / "short.csv", tmp_path / "run.mcap", offset_ms="none")
     count = report.summary.labelled
     assert 5 < count < 40
     assert any(remark.startswith(f"only {count} of 192 images have a force: ") for remark in report.remarks)
-    (tmp_path / "rare.csv").write_text("\n".join([lines[0], *lines[1::100]]))
+    (tmp_path / "rare.csv").write_text("\n".join([lines[0], *lines[1::25]]))
     with pytest.raises(TimeError, match=r"its readings are 0\.1 s apart, at most 0\.05 s are allowed"):
         import_session(run.video, tmp_path / "rare.csv", tmp_path / "rare.mcap", offset_ms="none", tare="none")
 
@@ -364,9 +364,9 @@ def test_rows_without_a_reading_leave_a_gap_and_rows_with_an_error_status_are_no
 ) -> None:
     lines = [line + ",0" for line in run.force.read_text().splitlines()]
     lines[0] = "time_s,fx_n,fy_n,status"
-    for row in range(3001, 3004):
+    for row in range(751, 754):
         lines[row] = lines[row].split(",")[0] + ",,NaN,0"
-    for row in range(5001, 5301):
+    for row in range(1251, 1326):
         lines[row] = lines[row].split(",")[0] + ",-13,13,4"
     (tmp_path / "force.csv").write_text("\n".join(lines))
     import_session(run.video, tmp_path / "force.csv", tmp_path / "run.mcap", offset_ms="none", tare=(0.0, 1.5))
