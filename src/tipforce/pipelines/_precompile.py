@@ -17,6 +17,7 @@ import numpy.typing as npt
 from .._system.cores import cores
 from .._system.processes import worker_pool
 from ..types import ActuationInfo, Catheter, SensorInfo, SessionInfo, ViewInfo
+from ._simulate import preset_settings
 
 _INFO = SessionInfo(
     "installation",
@@ -40,31 +41,41 @@ def _images(count: int = 12) -> Iterator[npt.NDArray[np.uint8]]:
 def _detect() -> None:
     from . import estimate
 
-    for model in ("pretrained/compact", "fusion", "rod-3d"):
+    for model in ("pretrained/compact", "pretrained/dcfe", "fusion", "rod-3d", "links", "elastica", "pseudo-rigid"):
         for _ in estimate(model, _images(), bench=_INFO, actuation={"knob_deg": 10.0}):
             pass
 
 
 def _simulate(preset: str) -> None:
-    from . import preset_settings, simulate
+    from . import simulate
 
-    settings = preset_settings(preset, changes={"width": 160, "height": 128, "world": {"seconds": 8.0}})
+    settings = preset_settings(preset, changes={"width": 160, "height": 160, "world": {"seconds": 8.0}})
     with tempfile.TemporaryDirectory() as folder:
         simulate(folder, settings, sessions=1, form="files")
 
 
 def _simulate_camera() -> None:
     _simulate("bench-2021")
+    _simulate("varied")
 
 
 def _simulate_fluoroscope() -> None:
     _simulate("fluoro")
 
 
+def _triangulate() -> None:
+    from ..geometry import CArm, triangulate
+
+    cameras = [CArm(angle, 0.0, 1.1, 0.75, 0.25e-3).camera() for angle in (0.0, 90.0)]
+    points = np.linspace(-0.01, 0.01, 6).reshape(2, 3)
+    triangulate(cameras, np.stack([camera.project(points) for camera in cameras], axis=1))
+
+
 _JOBS: dict[str, Callable[[], None]] = {
     "simulation of a camera": _simulate_camera,
     "detection of the catheter and the rod model": _detect,
     "simulation of a fluoroscope": _simulate_fluoroscope,
+    "points from two views": _triangulate,
 }
 
 
