@@ -3,19 +3,23 @@
     python -m bench.locator.line -o DIR [--steps N] [--seed S] [--resume] [--begin refine.onnx --rate R]
 
 Its strips come from the compositor (half) and from the presets' renderers at their own resolution, along the true
-line with errors like those of the locator, or along another line; their width suits the diameter, or a guess of it.
+line with errors like those of the locator, along another line, or (half of them) along a line that the shipped locator
+finds in the image with random prompts: so the network judges the lines that it will read, right and wrong ones.
 DIR/line.pt holds weights and optimiser every 250 steps; ``--resume`` continues. DIR/refine.onnx goes to
 src/tipforce/vision/locator. ``--begin`` starts from the weights of such a file, with a smaller ``--rate``.
 """
 
 import argparse
 import json
+import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import onnx
 import torch
 from bench.locator import scene
@@ -23,11 +27,13 @@ from bench.locator.feed import labelled_images
 from bench.locator.tubes import Drawer
 from torch import Tensor, nn
 
+from tipforce.geometry import arc_length
 from tipforce.training import store_in_half_precision
 from tipforce.training.locator import (
     SEEN,
     STRIP_FIELDS,
     WINDOW_PX,
+    FoundLine,
     LineNetwork,
     StripSource,
     StripTarget,
@@ -35,8 +41,12 @@ from tipforce.training.locator import (
     line_network_from_graph,
     strip_target,
 )
-from tipforce.vision.locator import ACROSS, ALONG
+from tipforce.vision.locator import ACROSS, ALONG, Prompts, locate, read_points
 
+PRESENT_SHARE = 0.5
+"""Share of the scenes with a catheter that are used: one in seven is without, then."""
+FOUND_POINTS = 160
+ANY_LENGTH_SHARE = 0.3
 SCENE_SHARE = 0.4
 """Share of the strips from the compositor."""
 RATE, BATCH, STEPS, WORKERS = 2e-3, 32, 9500, 2
@@ -45,17 +55,44 @@ CHECKS, CHECKS_SEED = 512, 900_000
 OUTPUTS = ["offset", "log_spread", "base", "tip", "seen", "right", "log_width"]
 
 
+def found_lines(image: npt.NDArray[np.uint8], length_px: float, rng: np.random.Generator) -> tuple[FoundLine, ...]:
+    """Returns lines that the locator finds in ``image``: from the objects that it sees, and from any point.
+
+    Args:
+        image: (h, w, 3).
+        length_px: length of the catheter; a prompt states it with an error, or another one.
+        rng: source of the prompts.
+    """
+    rows, columns = image.shape[:2]
+    seen = Prompts(length_px=_unsure(length_px, rng))
+    rough = read_points(image, seen)
+    tried = [replace(seen, base_px=rough.points[0]), replace(seen, near_px=rough.points[1])]
+    elsewhere = rough.other_base, rng.uniform((0.0, 0.0), (columns - 1.0, rows - 1.0))
+    tried += [Prompts(base_px=base, length_px=_unsure(length_px, rng)) for base in elsewhere]
+    lines = (locate(image, prompts, FOUND_POINTS) for prompts in tried)
+    return tuple(FoundLine(line.points, line.diameter_px) for line in lines if line is not None)
+
+
+def _unsure(length_px: float, rng: np.random.Generator) -> float:
+    """Returns a length that is wrong by a tenth, or by any factor in one of three images."""
+    spread = 0.5 if rng.random() < ANY_LENGTH_SHARE else 0.1
+    return length_px * math.exp(rng.normal(0.0, spread))
+
+
 def _scenes(rng: np.random.Generator) -> Iterator[StripSource]:
     drawer = Drawer(WINDOW_PX, WINDOW_PX)
     while True:
         drawn = scene.draw(rng, drawer, WINDOW_PX)
-        if not drawn.present or (drawn.state == SEEN).mean() > 0.4:
-            yield StripSource(drawn.image, drawn.line, drawn.state, drawn.diameter_px, drawn.present)
+        if not drawn.present or (rng.random() < PRESENT_SHARE and (drawn.state == SEEN).mean() > 0.4):
+            length = float(arc_length(drawn.line)[-1])
+            found = found_lines(drawn.image, length, rng)
+            yield StripSource(drawn.image, drawn.line, drawn.state, drawn.diameter_px, drawn.present, found)
 
 
 def _presets(rng: np.random.Generator, seed: int) -> Iterator[StripSource]:
     for drawn in labelled_images(rng, seed):
-        yield StripSource(drawn.image, drawn.line_px, drawn.state, drawn.diameter_px)
+        found = found_lines(drawn.image, float(arc_length(drawn.line_px)[-1]), rng)
+        yield StripSource(drawn.image, drawn.line_px, drawn.state, drawn.diameter_px, found=found)
 
 
 class _Strips(torch.utils.data.IterableDataset[dict[str, Tensor]]):

@@ -4,7 +4,7 @@ Objects that could be the catheter are numbered. A fact helps if the detection, 
 catheter in most of the images: so the advice can be followed.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,34 +17,24 @@ from ._auto_calibrate import auto_calibrate, base_box, side_of
 from ._by_locator import detector_folder, stated_prompts, view_log_odds
 from ._detector import ShapeDetector
 from ._session_size import stated_size_px, with_view
-from ._settings import SIDES, BaseSide, VisionSettings
-from .locator import (
-    Prompts,
-    RoughPoints,
-    as_colour,
-    locate,
-    probability,
-    read_points,
-    rough_line,
-)
+from ._settings import BaseSide, VisionSettings
+from .locator import Prompts, locate, object_prompts, probability
 
 POINTS = 64
 MAX_ASKED_FRAMES = 3
 """Objects are looked for in this number of images."""
 MAX_CANDIDATES = 4
 MIN_VOTE_SHARE = 0.1
-"""A base with a smaller share of the votes of the first one is left out."""
+"""An object whose lines have a smaller share of the probability of the first one's is left out."""
 MIN_APART_SHARE = 0.03
 """Bases that are nearer to each other, in shares of the image's longer side, are one."""
 MIN_PROBABILITY_SHARE = 0.05
-"""So is an object with a smaller share of the probability of the first one."""
+"""So is one with a smaller share when its line is read again in all of the images."""
 MAX_TRIED_OBJECTS = 2
 """The whole detection is tried with facts about this number of objects."""
 MIN_FOUND_SHARE = 0.5
 """A fact helps if the catheter is then found in this share of the images."""
 ANNOTATED_FRAMES = 8
-MIN_LENGTH_PX = 8.0
-"""A shorter line of the first reading counts as this long."""
 ANY_LENGTH_M = 0.05
 """Length of the catheter with which a size is tried where neither length nor scale is stated."""
 
@@ -206,19 +196,9 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
     prompts = replace(stated_prompts(stated, stated_size_px(info, stated.view)), region=None, border=None)
     open_size = replace(prompts, length_px=None, diameter_px=None)
     tried = [open_size] if prompts.length_px is None else [prompts, open_size]
-    bases: list[FloatArray] = []
-    votes: list[float] = []
-    lengths: list[float] = []
-    for read in (read for frame in frames for read in _readings(frame, tried, network)):
-        for base, mass in ((read.points[0], float(read.mass[0])), (read.other_base, read.other_mass)):
-            bases.append(base)
-            votes.append(mass * read.present)
-            lengths.append(float(arc_length(rough_line(read))[-1]))
+    objects = [o for each in tried for o in object_prompts(frames, each, MAX_CANDIDATES, MIN_VOTE_SHARE, network)]
+    found = [_candidate(each, frames, network, log_odds) for each in objects]
     limit = MIN_APART_SHARE * max(frames[0].shape[:2])
-    found = [
-        _candidate(base, length, frames, tried, network, log_odds)
-        for base, length in _apart(np.array(bases), np.array(votes), np.array(lengths), limit)
-    ]
     distinct: list[Candidate] = []
     for candidate in sorted(filter(None, found), key=lambda each: -each.probability):
         begins = candidate.points[0]
@@ -228,56 +208,18 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
     return distinct
 
 
-def _readings(frame: Image, tried: Sequence[Prompts], network: Path | None) -> Iterator[RoughPoints]:
-    """Yields the rough points in ``frame``, with nothing stated about the base, and from each border."""
-    colour = as_colour(frame)
-    for prompts in tried:
-        free = read_points(colour, prompts, network)
-        yield free
-        length = max(float(arc_length(rough_line(free))[-1]), MIN_LENGTH_PX)
-        for border in SIDES:
-            yield read_points(colour, replace(prompts, border=border, length_px=prompts.length_px or length), network)
-
-
-def _apart(
-    bases: FloatArray, votes: FloatArray, lengths: FloatArray, limit_px: float
-) -> Iterator[tuple[FloatArray, float]]:
-    """Yields the bases (2,) with the most votes, each with the median length of its lines."""
-    near = np.linalg.norm(bases[:, None] - bases, axis=2) < limit_px
-    left = np.ones(len(bases), bool)
-    first = 0.0
-    for _ in range(MAX_CANDIDATES):
-        total = np.where(left, (near & left) @ votes, 0.0)
-        best = int(total.argmax())
-        first = max(first, float(total[best]))
-        if total[best] <= MIN_VOTE_SHARE * first:
-            return
-        own = near[best] & left
-        yield np.median(bases[own], axis=0), float(np.median(lengths[own]))
-        left &= ~near[best]
-
-
-def _candidate(
-    base: FloatArray,
-    length_px: float,
-    frames: Sequence[Image],
-    tried: Sequence[Prompts],
-    network: Path | None,
-    log_odds: float,
-) -> Candidate | None:
-    """Returns the object that begins at ``base`` (2,), by the stated or the open size: by the more probable one."""
-    best: Candidate | None = None
-    for prompts in tried:
-        length = prompts.length_px or length_px
-        sized = replace(prompts, base_px=base, length_px=length)
-        lines = [locate(frame, sized, POINTS, network=network) for frame in frames]
-        first = next((line for line in lines if line is not None), None)
-        if first is None:
-            continue
-        diameter = float(np.median([line.diameter_px for line in lines if line is not None]))
-        likely = float(np.mean([0.0 if line is None else probability(line, log_odds) for line in lines]))
-        if best is None or likely > best.probability:
-            side = side_of(first.heading_rad)
-            region = base_box(first.points[0], side, diameter, frames[0].shape[:2])
-            best = Candidate(first.points, diameter, likely, region, side)
-    return best
+def _candidate(prompts: Prompts, frames: Sequence[Image], network: Path | None, log_odds: float) -> Candidate | None:
+    """Returns the object with these ``prompts``; None where it has a line in no image."""
+    lines = [locate(frame, prompts, POINTS, network=network) for frame in frames]
+    kept = [line for line in lines if line is not None]
+    if not kept:
+        return None
+    diameter = float(np.median([line.diameter_px for line in kept]))
+    side = side_of(kept[0].heading_rad)
+    return Candidate(
+        kept[0].points,
+        diameter,
+        sum(probability(line, log_odds) for line in kept) / len(frames),
+        base_box(kept[0].points[0], side, diameter, frames[0].shape[:2]),
+        side,
+    )

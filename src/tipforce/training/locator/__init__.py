@@ -39,7 +39,7 @@ from ._network import (
     LocatorOutputs,
 )
 from ._rehearsal import REHEARSAL_FIELDS, rehearsal_windows
-from ._strips import STRIP_FIELDS, StripSource, StripTarget, strip_target
+from ._strips import STRIP_FIELDS, FoundLine, StripSource, StripTarget, strip_target
 from ._windows import (
     CELLS,
     PROMPT_FIELDS,
@@ -81,6 +81,7 @@ __all__ = [
     "Encoder",
     "FineTuneSettings",
     "FineTuned",
+    "FoundLine",
     "LabelledImage",
     "LineNetwork",
     "Locator",

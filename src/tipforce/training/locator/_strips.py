@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -21,14 +21,23 @@ WRONG_SHARE = 0.25
 """Share of the strips along other lines than the catheter's."""
 GUESSED_SHARE, MAX_GUESS_RATIO, DIAMETER_ERROR = 0.2, 2.5, 0.05
 """Share of the strips whose diameter is only guessed, wrong by this factor at most, and the error of a known one."""
+FOUND_SHARE = 0.5
+"""Share of the strips along lines that the locator found, of an image that has such lines."""
 _GREY = np.array([[0.299], [0.587], [0.114]], np.float32)
+
+
+class FoundLine(NamedTuple):
+    """A line (n, 2) px that the locator found in an image, right or wrong, and its diameter in px."""
+
+    points: Float
+    diameter_px: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripSource:
     """``image`` (h, w, 3) uint8 with the true ``line`` (n, 2) px, base to tip, and the ``state`` (n,) of its points.
 
-    Not ``present``: the catheter is missing, and ``line`` is where it would be.
+    Not ``present``: the catheter is missing, and ``line`` is where it would be. ``found``: lines of the locator.
     """
 
     image: npt.NDArray[np.uint8]
@@ -36,6 +45,7 @@ class StripSource:
     state: npt.NDArray[np.uint8]
     diameter_px: float
     present: bool = True
+    found: tuple[FoundLine, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,21 +77,20 @@ def strip_target(source: StripSource, rng: np.random.Generator) -> StripTarget:
         source: the image with its catheter.
         rng: source of the line and of the light.
     """
-    guessed = rng.random() < GUESSED_SHARE
-    log_ratio = rng.uniform(-1.0, 1.0) * math.log(MAX_GUESS_RATIO) if guessed else rng.normal(0.0, DIAMETER_ERROR)
-    diameter_px = source.diameter_px * math.exp(log_ratio)
     line = resampled(source.line, LINE_POINTS)
     state = source.state[np.linspace(0, len(source.state) - 1, LINE_POINTS).round().astype(int)]
-    wrong = not source.present or rng.random() < WRONG_SHARE
-    hidden_from = int(np.flatnonzero(state == SEEN).max(initial=0)) / (LINE_POINTS - 1.0)
-    elsewhere = wrong and (source.present or rng.random() < 0.5)
-    course = _elsewhere(line, diameter_px, source.image.shape, rng) if elsewhere else line
-    # lines elsewhere have the same errors: a line exactly on an axis would be known as wrong by that alone
-    guess = _disturbed(course, diameter_px, hidden_from, rng)
+    is_found = bool(source.found) and rng.random() < FOUND_SHARE
+    wrong = not source.present or (not is_found and rng.random() < WRONG_SHARE)
+    if is_found:
+        guess, diameter_px = source.found[int(rng.integers(len(source.found)))]
+    else:
+        guess, diameter_px = _guess(source, line, state, wrong, rng)
+    log_ratio = math.log(diameter_px / source.diameter_px)
     strip = straightened(source.image, guess, diameter_px)
     offset, near, at = _offsets(line, strip.points, strip.normals, diameter_px)
-    (base, base_off), (tip, tip_off) = (_station(strip.points, end) for end in (line[0], line[-1]))
-    right = not wrong or bool(
+    first = _first_inside(line, source.image.shape) if is_found else 0
+    (base, base_off), (tip, tip_off) = (_station(strip.points, end) for end in (line[first], line[-1]))
+    right = not (wrong or is_found) or bool(
         source.present
         and near.sum() > 0.72 * ALONG
         and 0.0 <= base < 0.3 * ALONG
@@ -92,14 +101,14 @@ def strip_target(source: StripSource, rng: np.random.Generator) -> StripTarget:
     seen = (state[at] == SEEN) & near & (station > base - 0.5) & (station < tip + 0.5)
     lit = lit_otherwise(strip.values, rng)
     if rng.random() < 0.3:  # an object across the strip
-        first, wide = int(rng.integers(0, ALONG - 4)), int(rng.integers(2, 14))
+        start, wide = int(rng.integers(0, ALONG - 4)), int(rng.integers(2, 14))
         lit = lit.copy()
-        lit[:, first : first + wide] = rng.uniform(0.0, 255.0, 3)
-        seen[first : first + wide] = False
+        lit[:, start : start + wide] = rng.uniform(0.0, 255.0, 3)
+        seen[start : start + wide] = False
     values = strip_input(np.clip(lit, 0.0, 255.0), strip.inside)
     if rng.random() < 0.5:
         values, offset = np.ascontiguousarray(values[:, ::-1]), -offset
-    in_view = bool(strip.inside_view[int(np.clip(round(base), 0, ALONG - 1))])
+    in_view = first == 0 and bool(strip.inside_view[int(np.clip(round(base), 0, ALONG - 1))])
     ends = np.array([base if right and in_view else -1.0, tip if right else -1.0], np.float32)
     inside = strip.inside_view
     judged = inside if right else np.zeros(ALONG, bool)
@@ -107,6 +116,20 @@ def strip_target(source: StripSource, rng: np.random.Generator) -> StripTarget:
         values, offset.astype(np.float32), near & inside & right, seen.astype(np.float32), judged, ends,
         np.float32(right), np.float32(-log_ratio),
     )  # fmt: skip
+
+
+def _guess(
+    source: StripSource, line: Float, state: npt.NDArray[np.uint8], wrong: bool, rng: np.random.Generator
+) -> FoundLine:
+    """Returns a line near the true ``line`` (`LINE_POINTS`, 2), or along another one, and a guess of the diameter."""
+    guessed = rng.random() < GUESSED_SHARE
+    log_ratio = rng.uniform(-1.0, 1.0) * math.log(MAX_GUESS_RATIO) if guessed else rng.normal(0.0, DIAMETER_ERROR)
+    diameter_px = source.diameter_px * math.exp(log_ratio)
+    hidden_from = int(np.flatnonzero(state == SEEN).max(initial=0)) / (LINE_POINTS - 1.0)
+    elsewhere = wrong and (source.present or rng.random() < 0.5)
+    course = _elsewhere(line, diameter_px, source.image.shape, rng) if elsewhere else line
+    # lines elsewhere have the same errors: a line exactly on an axis would be known as wrong by that alone
+    return FoundLine(_disturbed(course, diameter_px, hidden_from, rng), diameter_px)
 
 
 def _disturbed(line: Float, diameter_px: float, hidden_from: float, rng: np.random.Generator) -> Float:
@@ -165,6 +188,11 @@ def _offsets(
     offset = (1.0 - share) * across[station, at] + share * across[station, other]
     near = far[station, at] < 0.75 * np.linalg.norm(points[1] - points[0])
     return offset / diameter_px, near & (np.abs(offset) < MAX_OFFSET_DIAMETERS * diameter_px), at
+
+
+def _first_inside(line: Float, shape: tuple[int, ...]) -> int:
+    """Returns the index of the first point of ``line`` (n, 2) in an image of ``shape``; a found line begins there."""
+    return int(((line >= 0.0) & (line <= (shape[1] - 1.0, shape[0] - 1.0))).all(axis=1).argmax())
 
 
 def _station(points: Float, end: Float) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from ._locate import Located, as_colour, locate, read_points, rough_line
 from ._networks import DETECTOR_FACTS, DETECTOR_GRAPHS, RoughPoints
 from ._prompts import Prompts
 from ._reading import Known
-from ._session import MIN_FRAMES, SessionConstants, session_constants
+from ._session import MIN_FRAMES, SessionConstants, object_prompts, session_constants
 from ._strip import ACROSS, ALONG, HALF_WIDTH, straightened, strip_input
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "fitted_log_odds",
     "line_log_odds",
     "locate",
+    "object_prompts",
     "probability",
     "read_points",
     "rough_line",

@@ -105,9 +105,7 @@ def session_constants(
     Raises:
         InputError: no catheter is found, two objects could be it, or the object that is found does not move.
     """
-    stated = (
-        None if prompts.length_px is None else Known(prompts.length_px, STATED_LENGTH_STD_SHARE * prompts.length_px)
-    )
+    stated = _known_length(prompts)
     first = _first_lines(frames, prompts, stated, network)
     found = [line for line in first if line is not None and line.is_there]
     if not found:
@@ -182,30 +180,53 @@ def _first_lines(
     comes out of looks like a catheter. So each object is read again, in a window around its base, at its own size.
     """
 
-    def again(frame: Image, read: RoughPoints) -> Located | None:
+    def again(frame: Image, read: RoughPoints) -> list[Located | None]:
         length = prompts.length_px or max(float(arc_length(rough_line(read))[-1]), MIN_LENGTH_PX)
         own = replace(prompts, length_px=length)
+        begins = [own] if prompts.base_px is not None else [replace(own, base_px=read.points[0])]
         if prompts.base_px is None and read.states[0, OUTSIDE] > MAX_OUTSIDE:
-            own = replace(own, near_px=read.points[1])
-        elif prompts.base_px is None:
-            own = replace(own, base_px=read.points[0])
-        return locate(frame, own, POINTS, stated, network)
+            begins.append(replace(own, near_px=read.points[1]))
+        return [locate(frame, each, POINTS, stated, network) for each in begins]
 
     lines: list[Located | None] = []
     for frame in frames[:: -(-len(frames) // MAX_FIRST_FRAMES)]:
         colour = as_colour(frame)
         if prompts.length_px is not None:
-            line = again(frame, read_points(colour, prompts, network))
-            lines.append(line)
-            if line is not None and probability(line) > SURE_PROBABILITY:
+            sized = again(frame, read_points(colour, prompts, network))
+            lines += sized
+            if any(line is not None and probability(line) > SURE_PROBABILITY for line in sized):
                 continue
-        reads = readings_by_size(colour, replace(prompts, length_px=None, diameter_px=None), network)
-        lines += [again(frame, read) for read in reads]
+        for read in readings_by_size(colour, replace(prompts, length_px=None, diameter_px=None), network):
+            lines += again(frame, read)
     return lines
 
 
-def _likely_objects(found: Sequence[Located], prompts: Prompts) -> list[Prompts]:
-    """Returns the prompts for the object whose lines are the most probable, and for a second one that is likely, too.
+def object_prompts(
+    frames: Sequence[Image], prompts: Prompts, count: int, rival_share: float, network: Path | None = None
+) -> list[Prompts]:
+    """Returns the prompts for the objects in ``frames`` that could be the catheter, the most probable first.
+
+    Args:
+        frames: images of a session.
+        prompts: everything that is stated, px.
+        count: largest number of objects.
+        rival_share: least probability of an object's lines, as a share of those of the first one.
+        network: folder of fine-tuned networks; None: those that come with tipforce.
+    """
+    found = [line for line in _first_lines(frames, prompts, _known_length(prompts), network) if line is not None]
+    return _likely_objects(found, prompts, count, rival_share) if found else []
+
+
+def _known_length(prompts: Prompts) -> Known | None:
+    if prompts.length_px is None:
+        return None
+    return Known(prompts.length_px, STATED_LENGTH_STD_SHARE * prompts.length_px)
+
+
+def _likely_objects(
+    found: Sequence[Located], prompts: Prompts, count: int = MAX_OBJECTS, rival_share: float = RIVAL_SHARE
+) -> list[Prompts]:
+    """Returns the prompts for the object whose lines are the most probable, and for others that are likely, too.
 
     Lines that point toward the stated border do not count, unless all do.
     """
@@ -216,10 +237,10 @@ def _likely_objects(found: Sequence[Located], prompts: Prompts) -> list[Prompts]
     limits = np.maximum(MAX_BASE_DIAMETERS * np.array([line.diameter_px for line in found]), MAX_BASE_PX)
     near = np.linalg.norm(begins[:, None] - begins, axis=2) < np.minimum(limits[:, None], limits)
     objects, left, most = list[Prompts](), np.ones(len(found), bool), 0.0
-    for _ in range(MAX_OBJECTS):
+    for _ in range(count):
         sums = np.where(left, (near & left) @ votes, -1.0)
         best = int(sums.argmax())
-        if sums[best] <= RIVAL_SHARE * most:
+        if sums[best] <= rival_share * most:
             break
         most = max(most, float(sums[best]))
         own = near[best] & left
