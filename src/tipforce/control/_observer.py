@@ -1,9 +1,10 @@
 """Predicts the wall: an extended Kalman filter over a model of its motion, the heart rate, and the gain of the plant.
 
-State, for each of ``B`` rates that are tried: the wall's constant, the breath as an oscillator, ``H`` harmonics of the
-heart as oscillators (two numbers each), the heart's rate in rad/s, and the logarithm of the gain. The force is the
-gain times the depth of the tip in the wall, ``position + wall``, and never below zero. A measured force of zero where
-the model has none has no information; where the model has a force, it shows that the wall is farther away.
+Several heart rates are tried in parallel, each with a state of its own (a row of the arrays). A state consists of the
+wall's constant in mm, the breath as an oscillator, ``H`` harmonics of the heart as oscillators (two numbers each, in
+mm), the heart's rate in rad/s, and the logarithm of the gain in N/mm: ``s = 2 H + 5`` numbers. The force is the gain
+times the depth of the tip in the wall, ``position + wall``, and never below zero. A measured force of zero where the
+model has none has no information; where the model has a force, it shows that the wall is farther away.
 """
 
 import math
@@ -62,18 +63,21 @@ class WallObserver:
         self.time_s: float | None = None
         count, harmonics = settings.rates, settings.harmonics
         size = _HEART + 2 * harmonics + 2
-        self._rate, self._gain = size - 2, size - 1
-        self._x = np.zeros((count, size))
-        self._x[:, 0] = wall_mm
+        self._rate_column, self._gain_column = size - 2, size - 1
+        """Columns of the state: the heart's rate, and the logarithm of the gain."""
+        self._state = np.zeros((count, size))
+        """(rates, s) state of each rate that is tried."""
+        self._state[:, 0] = wall_mm
         low, high = settings.heart_hz
-        self._x[:, self._rate] = _TWO_PI * np.linspace(low, high, count)
-        self._x[:, self._gain] = math.log(settings.gain_n_per_mm)
+        self._state[:, self._rate_column] = _TWO_PI * np.linspace(low, high, count)
+        self._state[:, self._gain_column] = math.log(settings.gain_n_per_mm)
         numbers = np.arange(1, harmonics + 1)
         amplitude = np.repeat(settings.wall_mm / numbers**2, 2) / math.sqrt(2.0)
         breath = np.full(2, settings.breath_mm / math.sqrt(2.0))
         spacing = _TWO_PI * (high - low) / (count - 1) / 3.0
         sigma = np.concatenate([[wall_sigma_mm], breath, amplitude, [spacing, math.log(settings.gain_factor)]])
-        self._p = np.tile(np.diag(sigma**2), (count, 1, 1))
+        self._covariance = np.tile(np.diag(sigma**2), (count, 1, 1))
+        """(rates, s, s) covariance of each state."""
         swing = np.repeat(settings.swing_mm / numbers, 2)
         wander = np.concatenate(
             [
@@ -83,9 +87,12 @@ class WallObserver:
                 [_TWO_PI * settings.rate_wander_hz, settings.gain_wander],
             ]
         )
-        self._q = np.diag(wander**2)
-        self._numbers = numbers
-        self._likelihood = np.zeros(count)
+        self._growth = np.diag(wander**2)
+        """(s, s) growth of the covariance in a second."""
+        self._harmonics = numbers
+        """(H,) numbers of the harmonics: 1, 2, ..."""
+        self._log_likelihood = np.zeros(count)
+        """(rates,) log-likelihood of each rate."""
         self._residuals: deque[tuple[float, float]] = deque()
         self._in_contact_s = 0.0
         self.locked = False
@@ -93,23 +100,23 @@ class WallObserver:
     @property
     def best(self) -> int:
         """Row of the most likely rate."""
-        return int(np.argmax(self._likelihood))
+        return int(np.argmax(self._log_likelihood))
 
     @property
     def heart_hz(self) -> float:
         """Heart rate of the most likely model, in Hz."""
-        return float(self._x[self.best, self._rate]) / _TWO_PI
+        return float(self._state[self.best, self._rate_column]) / _TWO_PI
 
     @property
     def gain_n_per_mm(self) -> float:
         """Force for each mm of the path, in the most likely model."""
-        return math.exp(float(self._x[self.best, self._gain]))
+        return math.exp(float(self._state[self.best, self._gain_column]))
 
     def lock(self) -> None:
         """Keeps the most likely rate only."""
         row = self.best
-        self._x, self._p = self._x[row : row + 1], self._p[row : row + 1]
-        self._likelihood = self._likelihood[row : row + 1]
+        self._state, self._covariance = self._state[row : row + 1], self._covariance[row : row + 1]
+        self._log_likelihood = self._log_likelihood[row : row + 1]
         self.locked = True
 
     def add(self, sample: Sample) -> None:
@@ -126,24 +133,24 @@ class WallObserver:
     def wall_mm(self, time_s: float) -> float:
         """Returns the wall at ``time_s`` in mm: minus the position on the path at which the tip just meets it."""
         if self.time_s is None:
-            return float(self._x[0, 0])
+            return float(self._state[0, 0])
         ahead = time_s - self.time_s
-        x = self._x[self.best]
+        x = self._state[self.best]
         turned = _TWO_PI * self.settings.respiration_hz * ahead
         wall = x[0] + math.cos(turned) * x[_BREATH] + math.sin(turned) * x[_BREATH + 1]
-        angles = self._numbers * x[self._rate] * ahead
-        pairs = x[_HEART : self._rate].reshape(-1, 2)
+        angles = self._harmonics * x[self._rate_column] * ahead
+        pairs = x[_HEART : self._rate_column].reshape(-1, 2)
         return float(wall + np.cos(angles) @ pairs[:, 0] + np.sin(angles) @ pairs[:, 1])
 
     @property
     def mean_mm(self) -> float:
         """Constant of the wall: its position without heart and breath, in mm."""
-        return float(self._x[self.best, 0])
+        return float(self._state[self.best, 0])
 
     @property
     def rate_range_hz(self) -> float:
         """Difference between the largest and the smallest plausible rate, in Hz."""
-        return float(np.ptp(self._x[self._plausible, self._rate])) / _TWO_PI
+        return float(np.ptp(self._state[self._plausible_rows, self._rate_column])) / _TWO_PI
 
     @property
     def max_residual_n(self) -> float:
@@ -158,52 +165,68 @@ class WallObserver:
 
         Plausible rates are weighted by their likelihood: the value is large where they predict different walls.
         """
-        rows = self._plausible
-        weights = np.exp(_LIKELIHOOD_SHARE * (self._likelihood[rows] - self._likelihood.max()))
+        rows = self._plausible_rows
+        weights = np.exp(_LIKELIHOOD_SHARE * (self._log_likelihood[rows] - self._log_likelihood.max()))
         weights /= weights.sum()
-        ahead = np.linspace(0.0, _TWO_PI / float(self._x[self.best, self._rate]), _PHASE_COUNT)
+        ahead = np.linspace(0.0, _TWO_PI / float(self._state[self.best, self._rate_column]), _PHASE_COUNT)
         wall, h = self._predictions(rows, ahead)
-        variance = np.einsum("bki,bij,bkj->bk", h, self._p[rows], h)
+        variance = np.einsum("bki,bij,bkj->bk", h, self._covariance[rows], h)
         return float(np.sqrt((weights @ (variance + (wall - weights @ wall) ** 2)).max()))
 
     def excess_mm(self, times_s: FloatArray, positions_mm: FloatArray, force_n: float, sigmas: float) -> float:
-        """Returns by how many mm the tip is too deep for the worst of all plausible rates; at least 0.
+        """Returns by how many mm the tip is deeper in the wall than a limit of the force allows.
+
+        The worst of all plausible heart rates and of all times counts.
 
         Args:
-            times_s: (k,) times, not before the last estimate.
+            times_s: (k,) times in s, not before the last estimate.
             positions_mm: (k,) positions of the tip on the path at these times.
             force_n: largest force that is allowed, in newtons.
-            sigmas: number of standard deviations of the predicted force that are added to it.
+            sigmas: number of standard deviations by which the force may be larger than predicted.
+
+        Returns:
+            The largest excess of depth in the wall over the depth with that force, mm; 0 if there is none, or before
+            the first estimate.
         """
         if self.time_s is None:
             return 0.0
-        rows = self._plausible
-        wall, h = self._predictions(rows, times_s - self.time_s)
-        gain = np.exp(self._x[rows, self._gain])[:, None]
-        depth = positions_mm + wall
-        h[:, :, self._gain] = np.maximum(depth, 0.0)
-        spread = np.sqrt(np.maximum(np.einsum("bki,bij,bkj->bk", h, self._p[rows], h), 0.0))
-        return max(0.0, float((depth + sigmas * spread - force_n / gain).max()))
+        rows = self._plausible_rows
+        wall_mm, gradient = self._predictions(rows, times_s - self.time_s)
+        gain_n_per_mm = np.exp(self._state[rows, self._gain_column])[:, None]
+        depth_mm = positions_mm + wall_mm
+        # The force divided by the gain is the depth. Its gradient by the logarithm of the gain is the depth, too.
+        gradient[:, :, self._gain_column] = np.maximum(depth_mm, 0.0)
+        variance_mm2 = np.einsum("bki,bij,bkj->bk", gradient, self._covariance[rows], gradient)
+        sigma_mm = np.sqrt(np.maximum(variance_mm2, 0.0))  # rounding can make a variance negative
+        return max(0.0, float((depth_mm + sigmas * sigma_mm - force_n / gain_n_per_mm).max()))
 
     @property
-    def _plausible(self) -> IntArray:
-        """(b,) rows of the rates that are plausible."""
-        return np.flatnonzero(self._likelihood >= self._likelihood.max() - _MAX_LOG_LIKELIHOOD_DEFICIT)
+    def _plausible_rows(self) -> IntArray:
+        """(b,) rows of the rates whose log-likelihood is near that of the most likely one."""
+        return np.flatnonzero(self._log_likelihood >= self._log_likelihood.max() - _MAX_LOG_LIKELIHOOD_DEFICIT)
 
     def _predictions(self, rows: IntArray, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the wall (b, k) in mm, for ``rows`` (b,) at ``ahead_s`` (k,), and its gradient by the state."""
-        x = self._x[rows]
-        rate = x[:, self._rate, None, None]
+        """Predicts the wall.
+
+        Args:
+            rows: (b,) rows of the rates.
+            ahead_s: (k,) times after the last estimate, in s.
+
+        Returns:
+            (b, k) wall in mm, and its gradient by the state (b, k, s).
+        """
+        x = self._state[rows]
+        rate = x[:, self._rate_column, None, None]
         h = np.zeros((len(x), ahead_s.size, x.shape[1]))
         h[:, :, 0] = 1.0
         breath = _TWO_PI * self.settings.respiration_hz * ahead_s
         h[:, :, _BREATH], h[:, :, _BREATH + 1] = np.cos(breath), np.sin(breath)
-        turns = np.multiply.outer(ahead_s, self._numbers)
+        turns = np.multiply.outer(ahead_s, self._harmonics)
         cos, sin = np.cos(rate * turns), np.sin(rate * turns)
-        h[:, :, _HEART : self._rate : 2], h[:, :, _HEART + 1 : self._rate : 2] = cos, sin
+        h[:, :, _HEART : self._rate_column : 2], h[:, :, _HEART + 1 : self._rate_column : 2] = cos, sin
         wall = np.einsum("bki,bi->bk", h, x)
-        pairs = x[:, None, _HEART : self._rate].reshape(len(x), 1, -1, 2)
-        h[:, :, self._rate] = ((-sin * pairs[..., 0] + cos * pairs[..., 1]) * turns).sum(axis=2)
+        pairs = x[:, None, _HEART : self._rate_column].reshape(len(x), 1, -1, 2)
+        h[:, :, self._rate_column] = ((-sin * pairs[..., 0] + cos * pairs[..., 1]) * turns).sum(axis=2)
         return wall, h
 
     def _predict(self, dt_s: float) -> None:
@@ -211,7 +234,7 @@ class WallObserver:
 
         The constants, the rates and the gain keep their values; their covariance grows.
         """
-        x, count, size = self._x, *self._x.shape
+        x, count, size = self._state, *self._state.shape
         jacobian = np.tile(np.eye(size), (count, 1, 1))
         moved = x.copy()
         turned = _TWO_PI * self.settings.respiration_hz * dt_s
@@ -219,34 +242,34 @@ class WallObserver:
         breath = slice(_BREATH, _BREATH + 2)
         moved[:, breath] = x[:, breath] @ rotation.T
         jacobian[:, breath, breath] = rotation
-        for number in self._numbers.tolist():
+        for number in self._harmonics.tolist():
             at = slice(_HEART + 2 * number - 2, _HEART + 2 * number)
-            angle = number * x[:, self._rate] * dt_s
+            angle = number * x[:, self._rate_column] * dt_s
             cos, sin = np.cos(angle), np.sin(angle)
             a, b = x[:, at.start], x[:, at.start + 1]
             moved[:, at.start], moved[:, at.start + 1] = cos * a + sin * b, -sin * a + cos * b
             jacobian[:, at, at] = np.stack([np.stack([cos, sin], 1), np.stack([-sin, cos], 1)], 1)
-            jacobian[:, at.start, self._rate] = number * dt_s * moved[:, at.start + 1]
-            jacobian[:, at.start + 1, self._rate] = -number * dt_s * moved[:, at.start]
-        self._likelihood = self._likelihood * math.exp(-dt_s / _LIKELIHOOD_MEMORY_S)
-        self._x = moved
-        self._p = jacobian @ self._p @ jacobian.transpose(0, 2, 1) + self._q * dt_s
+            jacobian[:, at.start, self._rate_column] = number * dt_s * moved[:, at.start + 1]
+            jacobian[:, at.start + 1, self._rate_column] = -number * dt_s * moved[:, at.start]
+        self._log_likelihood = self._log_likelihood * math.exp(-dt_s / _LIKELIHOOD_MEMORY_S)
+        self._state = moved
+        self._covariance = jacobian @ self._covariance @ jacobian.transpose(0, 2, 1) + self._growth * dt_s
 
     def _has_force(self, sample: Sample) -> bool:
         """Returns whether the force is more than noise."""
         return sample.force_n > 3.0 * self.settings.noise_n
 
     def _update(self, sample: Sample) -> None:
-        x = self._x
-        wall = x[:, 0] + x[:, _BREATH] + x[:, _HEART : self._rate : 2].sum(axis=1)
-        depth, gain = sample.position_mm + wall, np.exp(x[:, self._gain])
+        x = self._state
+        wall = x[:, 0] + x[:, _BREATH] + x[:, _HEART : self._rate_column : 2].sum(axis=1)
+        depth, gain = sample.position_mm + wall, np.exp(x[:, self._gain_column])
         h = np.zeros_like(x)
         h[:, 0] = h[:, _BREATH] = gain
-        h[:, _HEART : self._rate : 2] = gain[:, None]
-        h[:, self._gain] = np.maximum(gain * depth, 0.0)
+        h[:, _HEART : self._rate_column : 2] = gain[:, None]
+        h[:, self._gain_column] = np.maximum(gain * depth, 0.0)
         expected = np.maximum(gain * depth, 0.0)
         informative = (depth > 0.0) | self._has_force(sample)
-        ph = np.einsum("bij,bj->bi", self._p, h)
+        ph = np.einsum("bij,bj->bi", self._covariance, h)
         noise = max(sample.sigma_n, self.settings.noise_n) ** 2
         variance = np.einsum("bi,bi->b", h, ph) + noise
         residual = sample.force_n - np.where(informative, gain * depth, expected)
@@ -257,13 +280,14 @@ class WallObserver:
         # An estimate further off counts as if it were at three standard deviations: the model jumped, not the wall.
         bound = 3.0 / np.sqrt(variance)
         step = np.clip(step, -bound, bound)
-        self._x = x + ph * step[:, None]
-        self._p = self._p - np.where(informative, 1.0 / variance, 0.0)[:, None, None] * ph[:, :, None] * ph[:, None, :]
-        self._p = 0.5 * (self._p + self._p.transpose(0, 2, 1))
+        self._state = x + ph * step[:, None]
+        weight = np.where(informative, 1.0 / variance, 0.0)[:, None, None]
+        self._covariance = self._covariance - weight * ph[:, :, None] * ph[:, None, :]
+        self._covariance = 0.5 * (self._covariance + self._covariance.transpose(0, 2, 1))
         low, high = self.settings.gain_range
-        np.clip(self._x[:, self._gain], math.log(low), math.log(high), out=self._x[:, self._gain])
+        np.clip(self._state[:, self._gain_column], math.log(low), math.log(high), out=self._state[:, self._gain_column])
         slowest, fastest = (_TWO_PI * rate for rate in self.settings.heart_hz)
-        np.clip(self._x[:, self._rate], slowest, fastest, out=self._x[:, self._rate])
-        self._likelihood = self._likelihood - 0.5 * np.where(
+        np.clip(self._state[:, self._rate_column], slowest, fastest, out=self._state[:, self._rate_column])
+        self._log_likelihood = self._log_likelihood - 0.5 * np.where(
             informative, residual * residual / variance + np.log(variance), math.log(noise)
         )

@@ -143,28 +143,30 @@ class Perturbation:
         return np.column_stack([*turned, force_n[:, 2]]) if self.force_turn_deg else force_n
 
 
-def _all() -> Iterator[Perturbation]:
+def _standard_perturbations() -> Iterator[Perturbation]:
+    """Yields each kind of change in three sizes, and shifts and turns in each direction; see `PERTURBATIONS`."""
     for px in (10, 20, 40):
         for way, right, down in (("right", 1, 0), ("left", -1, 0), ("down", 0, 1), ("up", 0, -1)):
             yield Perturbation("shift", f"{px} px", Warp(px * right, px * down), way)
-    for kind, along in (("turn", 0), ("turn, force turned along", 1)):
+    for kind, force_turns in (("turn", False), ("turn, force turned along", True)):
         for degrees in (5, 15, 45):
             for way, sign in (("counter-clockwise", 1), ("clockwise", -1)):
-                turn = Warp(turn_deg=sign * degrees)
-                yield Perturbation(kind, f"{degrees}°", turn, way, float(along * sign * degrees))
+                turn_deg = sign * degrees
+                force_turn_deg = float(turn_deg) if force_turns else 0.0
+                yield Perturbation(kind, f"{degrees}°", Warp(turn_deg=turn_deg), way, force_turn_deg)
     for factor in (0.9, 1.1, 1.25):
         yield Perturbation("zoom", f"× {factor:g}", Warp(zoom=factor))
     for light, size in ((Light(0.6), "× 0.6"), (Light(1.4), "× 1.4"), (Light(slope=0.4), "× 0.6 to 1.4 across")):
         yield Perturbation("light", size, light)
-    for sigma in (1, 2, 4):
-        yield Perturbation("blur", f"{sigma} px", Blur(float(sigma)))
-    for sigma in (5, 10, 20):
-        yield Perturbation("noise", f"{sigma} levels", Noise(float(sigma)))
-    for percent in (5, 10, 20):
-        yield Perturbation("object", f"{percent} %", Disc(percent / 100))
+    for sigma_px in (1, 2, 4):
+        yield Perturbation("blur", f"{sigma_px} px", Blur(float(sigma_px)))
+    for sigma_levels in (5, 10, 20):
+        yield Perturbation("noise", f"{sigma_levels} levels", Noise(float(sigma_levels)))
+    for percent_of_height in (5, 10, 20):
+        yield Perturbation("object", f"{percent_of_height} %", Disc(percent_of_height / 100))
 
 
-PERTURBATIONS = tuple(_all())
+PERTURBATIONS = tuple(_standard_perturbations())
 """Shifts, turns, zooms, light, blur, noise and an object in view (diameter as a share of the height); three sizes each.
 
 "turn": the whole bench is turned under the camera, so the force in the base frame stays. "turn, force turned along":

@@ -113,6 +113,9 @@ class GrblConfig(DeviceConfig, frozen=True):
 class GrblStage(Driver):
     """Driver of one controller. ``actuators`` commands it, from any thread, while a source reads it.
 
+    A command only leaves its targets here: `read`, which the source calls in a loop, sends the newest ones as soon as
+    the controller can take them. A stop is sent immediately.
+
     Args:
         config: settings of the device.
         name: name of the device in ``[hardware]``.
@@ -125,21 +128,39 @@ class GrblStage(Driver):
         self.config = config
         self.actuators = GrblActuators(self)
         self.lock = threading.RLock()
+        """Held while the state of this object is read or changed: commands come from other threads."""
         self.state = ""
-        """State that the controller reports: "Idle", "Jog", "Run", "Hold", "Alarm", ..."""
+        """State that the controller reports: "Idle", "Jog", "Run", "Hold", "Alarm", ...; empty while not connected."""
         self.alarm = ""
+        """Alarm of the controller as text; empty without one."""
         self.limits: dict[str, AxisLimits] = {}
+        """Limits by name of the axis, in the axis's own unit; empty before the controller was read."""
         self._port: LinePort | None = None
         self._clock: Clock | None = None
-        self._wanted: dict[str, float] = {}
+        self._pending: dict[str, float] = {}
+        """Targets by name of the axis, in its own unit, that were commanded and not sent yet."""
         self._sent: dict[str, float] = {}
-        self._places: dict[str, float] = {}
-        self._read_ns = 0
-        self._offset: list[float] = []
-        self._waiting_for: str | None = None
-        self._sent_s = self._asked_s = self._heard_s = 0.0
-        self._cancelled = self._stopping = False
+        """Targets that were sent and not cancelled."""
+        self._positions: dict[str, float] = {}
+        """Positions by name of the axis, in its own unit, at the last status."""
+        self._position_ns = 0
+        """Stamp of these positions, on the clock of the source."""
+        self._work_offset: list[float] = []
+        """Machine position minus work position of each axis of the controller, in its units: GRBL's WCO."""
+        self._unanswered_jog: str | None = None
+        """Jog that waits for its response; None if there is none."""
+        self._jog_sent_s = 0.0
+        """Time at which that jog was sent. This and the next two are on `time.monotonic`."""
+        self._status_requested_s = 0.0
+        """Time of the last request for the status."""
+        self._heard_s = 0.0
+        """Time of the last line from the controller."""
+        self._cancelled = False
+        """Whether a jog was cancelled and the controller has not reported since that it is at rest."""
+        self._stopping = False
+        """Whether all axes are to stop: until they are at rest nothing is sent."""
         self._course: CourseStream | None = None
+        """Trajectory that is followed; None without one."""
 
     @property
     def streams(self) -> tuple[DeclaredStream, ...]:
@@ -175,7 +196,7 @@ class GrblStage(Driver):
             letters = "".join(f" {axis.axis}0" for axis in self.config.axes.values())
             port.write(f"G10 L20 P1{letters}\n".encode())
             self._await(lambda line: line == "ok", MAX_RESPONSE_S, "ok to the new zero")
-            self._offset = []
+            self._work_offset = []
         return tuple(settings)
 
     def _limits_of(
@@ -232,7 +253,7 @@ class GrblStage(Driver):
         end = time.monotonic() + timeout_s
         while True:
             now = time.monotonic()
-            if now - self._asked_s >= (MAX_WAIT_S if self._cancelled else 1.0 / self.config.status_hz):
+            if now - self._status_requested_s >= (MAX_WAIT_S if self._cancelled else 1.0 / self.config.status_hz):
                 self._ask()
             events = [event for line in self._port.lines(MAX_WAIT_S) for event in self._take(line)]
             self._send_what_waits()
@@ -244,7 +265,7 @@ class GrblStage(Driver):
 
     def _ask(self) -> None:
         assert self._port is not None
-        self._asked_s = time.monotonic()
+        self._status_requested_s = time.monotonic()
         self._port.write(STATUS)
 
     def _take(self, line: str) -> Sequence[Event]:
@@ -255,10 +276,10 @@ class GrblStage(Driver):
                 return self._take_status(match[1], match[2])
             if line == "ok":
                 if self._course is None or not self._course.answered():
-                    self._waiting_for = None
+                    self._unanswered_jog = None
             elif line.startswith("error:"):
                 self.counts["errors"] += 1
-                refused = "a move of its trajectory" if self._course else self._waiting_for or "a line"
+                refused = "a move of its trajectory" if self._course else self._unanswered_jog or "a line"
                 self.remark = f"{self._where}: refused {refused} with {line}"
                 if self._course:
                     self._stopping = True
@@ -274,7 +295,7 @@ class GrblStage(Driver):
 
     def _forget(self) -> None:
         """Discards all commands."""
-        self._wanted, self._sent, self._waiting_for, self._course = {}, {}, None, None
+        self._pending, self._sent, self._unanswered_jog, self._course = {}, {}, None, None
 
     def _alarmed(self, number: str) -> None:
         self.alarm = f"alarm {number}: {_ALARMS.get(number, 'see the manual of GRBL')}"
@@ -297,33 +318,35 @@ class GrblStage(Driver):
         if state != "Alarm":
             self.alarm = ""
         self.state = state
-        self._offset = values.get("WCO", self._offset)
+        self._work_offset = values.get("WCO", self._work_offset)
         place = values.get("WPos")
         if place is None and "MPos" in values:
-            offset = self._offset or [0.0] * len(values["MPos"])
+            offset = self._work_offset or [0.0] * len(values["MPos"])
             place = [m - o for m, o in zip(values["MPos"], offset, strict=False)]
         if place is None or len(place) <= max(_LETTERS.index(axis.axis) for axis in self.config.axes.values()):
             self.counts["malformed"] += 1
             return ()
         assert self._clock is not None
-        self._read_ns = self._clock.now_ns() - round(self.config.latency_ms * 1e6)
-        self._places = {name: place[_LETTERS.index(axis.axis)] / axis.scale for name, axis in self.config.axes.items()}
+        self._position_ns = self._clock.now_ns() - round(self.config.latency_ms * 1e6)
+        self._positions = {
+            name: place[_LETTERS.index(axis.axis)] / axis.scale for name, axis in self.config.axes.items()
+        }
         if self._course is not None:
-            self._course.read(self._places, time.monotonic() - 1e-3 * self.config.latency_ms)
+            self._course.read(self._positions, time.monotonic() - 1e-3 * self.config.latency_ms)
         by_stream: dict[str, dict[str, float]] = {}
-        for name, value in self._places.items():
+        for name, value in self._positions.items():
             by_stream.setdefault(_stream(name), {})[name] = value
-        return [Actuation(self._read_ns, each, stream) for stream, each in by_stream.items()]
+        return [Actuation(self._position_ns, each, stream) for stream, each in by_stream.items()]
 
     def _send_what_waits(self) -> None:
         """Sends the newest targets: immediately if no axis changes direction, else after moving axes have stopped."""
         assert self._port is not None
         with self.lock:
-            if self._waiting_for is not None and time.monotonic() - self._sent_s > MAX_SILENCE_S:
-                raise DeviceError(f"{self._where}: has not answered {self._waiting_for} for {MAX_SILENCE_S:g} s")
+            if self._unanswered_jog is not None and time.monotonic() - self._jog_sent_s > MAX_SILENCE_S:
+                raise DeviceError(f"{self._where}: has not answered {self._unanswered_jog} for {MAX_SILENCE_S:g} s")
             if self._stopping and self.state == "Jog" and not self._cancelled:
                 self._cancel()  # a jog that was sent just before the stop
-            if self._waiting_for is not None:
+            if self._unanswered_jog is not None:
                 return
             if self.state == "Idle":
                 self._cancelled = False
@@ -335,7 +358,7 @@ class GrblStage(Driver):
                 for line in self._course.due(time.monotonic()):
                     self._port.write(line.encode())
                 return
-            if not self._wanted or self.state not in ("Idle", "Jog") or self._cancelled or self._stopping:
+            if not self._pending or self.state not in ("Idle", "Jog") or self._cancelled or self._stopping:
                 return
             if self.state == "Jog" and not self._goes_on():
                 self._cancel()
@@ -344,15 +367,15 @@ class GrblStage(Driver):
 
     def _goes_on(self) -> bool:
         """Returns whether every axis continues in its present direction to its new target."""
-        for name, target in self._wanted.items():
-            going = self._sent.get(name, self._places[name])
-            if (target - going) * (going - self._places[name]) < 0:
+        for name, target in self._pending.items():
+            going = self._sent.get(name, self._positions[name])
+            if (target - going) * (going - self._positions[name]) < 0:
                 return False
         return True
 
     def _course_line(self, places: Mapping[str, float], seconds: float) -> str:
         """Returns a jog to ``places`` that takes ``seconds`` at constant speed."""
-        before, self._sent = {**self._places, **self._sent}, dict(places)
+        before, self._sent = {**self._positions, **self._sent}, dict(places)
         scales = {name: self.config.axes[name].scale for name in places}
         length = math.hypot(*((places[name] - before[name]) * scale for name, scale in scales.items()))
         words = " ".join(f"{self.config.axes[name].axis}{places[name] * scale:.4f}" for name, scale in scales.items())
@@ -360,15 +383,15 @@ class GrblStage(Driver):
 
     def _jog(self) -> None:
         assert self._port is not None
-        ends = {**self._places, **self._sent}
-        steps = {name: abs(target - ends[name]) for name, target in self._wanted.items()}
+        ends = {**self._positions, **self._sent}
+        steps = {name: abs(target - ends[name]) for name, target in self._pending.items()}
         moving = {name: step for name, step in steps.items() if step > 0}
-        self._sent |= self._wanted
+        self._sent |= self._pending
         words = [
             f"{self.config.axes[name].axis}{target * self.config.axes[name].scale:.4f}"
-            for name, target in self._wanted.items()
+            for name, target in self._pending.items()
         ]
-        self._wanted = {}
+        self._pending = {}
         if not moving:
             return
         # on the straight line each axis has its share of the feed rate: the slowest axis limits it
@@ -378,7 +401,7 @@ class GrblStage(Driver):
             self.limits[name].max_speed * abs(self.config.axes[name].scale) * whole / machine[name] for name in moving
         )
         line = f"$J=G90 G21 {' '.join(words)} F{feed:.1f}"
-        self._waiting_for, self._sent_s = line, time.monotonic()
+        self._unanswered_jog, self._jog_sent_s = line, time.monotonic()
         self._port.write(line.encode() + b"\n")
 
     def _cancel(self) -> None:
@@ -388,18 +411,18 @@ class GrblStage(Driver):
         self.state = "Jog"  # until a later status shows that it is at rest
 
     def want(self, targets: Mapping[str, float]) -> None:
-        """Sets new targets of some axes; see `GrblActuators.command`."""
+        """Sets new targets of some axes, which `read` sends; see `GrblActuators.command`."""
         with self.lock:
             self._need_ready()
             if self._course is not None:
                 raise DeviceError(f"{self._where}: follows a trajectory; stop it before another command")
-            self._wanted |= targets
+            self._pending |= targets
 
     def follow(self, course: Course, after_s: float) -> None:
         """Follows a trajectory until it is halted; see `GrblActuators.follow`."""
         with self.lock:
             self._need_ready()
-            self._wanted, self._sent = {}, {}
+            self._pending, self._sent = {}, {}
             self._course = CourseStream(course, self._course_line, time.monotonic() + after_s)
 
     def halt(self, axes: Sequence[str]) -> None:
@@ -409,12 +432,12 @@ class GrblStage(Driver):
                 return
             if self._course is not None:
                 self._course.end()
-                self._wanted, self._sent, self._stopping = {}, {}, True
+                self._pending, self._sent, self._stopping = {}, {}, True
                 self._cancel()
                 return
-            going = {**self._sent, **self._wanted}
-            self._wanted = {name: target for name, target in going.items() if name not in axes}
-            self._stopping = not self._wanted
+            going = {**self._sent, **self._pending}
+            self._pending = {name: target for name, target in going.items() if name not in axes}
+            self._stopping = not self._pending
             if self.state in ("Run", "Hold"):  # G-code of another program: only a hold and a reset end it
                 self._port.write(HOLD)
             else:
@@ -424,7 +447,7 @@ class GrblStage(Driver):
         """Returns the positions of the axes at the last status; see `GrblActuators.read`."""
         with self.lock:
             self._need_ready(moving=False)
-            return Actuation(self._read_ns, dict(self._places))
+            return Actuation(self._position_ns, dict(self._positions))
 
     def unlock(self) -> None:
         """Ends the alarm of the controller (``$X``), after a person has inspected the stage."""

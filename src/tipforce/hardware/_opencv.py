@@ -23,6 +23,8 @@ MAX_STAMP_AHEAD_S, MAX_STAMP_AGE_S = 1e-3, 1.0
 """A stamp of the driver is on the monotonic clock if it is at most this much in its future or in its past."""
 MIN_STAMPED_IMAGES = 5
 """Number of successive images with such a stamp after which the stamps of the driver are used."""
+_UNUSABLE = -1
+"""Count of valid stamps after an invalid one: the stamps are not used again before the camera is connected anew."""
 MIN_SLEEP_NS = 50_000_000
 """Smallest jump of the clock of the host against the monotonic one, which stops in Linux while the computer sleeps."""
 
@@ -108,8 +110,9 @@ class OpenCvCamera(Driver):
         self._capture: Any = None
         self._clock: Clock | None = None
         self._size = ""
-        self._stamped = 0
-        """Number of successive images with a stamp on the monotonic clock; below 0 after one without."""
+        self._valid_stamps = 0
+        """Number of successive images with a stamp on the monotonic clock, at most `MIN_STAMPED_IMAGES`; `_UNUSABLE`
+        after an invalid one."""
         self._delay_s = 0.0
         """Mean age in seconds of the driver's stamps when an image is read."""
         self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
@@ -165,7 +168,7 @@ class OpenCvCamera(Driver):
             if value is not None:
                 self._capture.set(number, value)
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        self._clock, self._stamped = clock, 0
+        self._clock, self._valid_stamps = clock, 0
         self._fields = FieldCheck(self.view, self._where, deinterlace=config.deinterlace)
         self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
         self._host_ahead_ns, self._awake_ns = monotonic_to(clock), None
@@ -238,16 +241,24 @@ class OpenCvCamera(Driver):
         return round(taken_s * 1e9) + ahead_ns
 
     def _trusts_stamps(self, age_s: float) -> bool:
-        """Returns whether the driver's stamps are used, after a stamp that is ``age_s`` seconds old.
+        """Takes the stamp of the next image; returns whether the driver's stamps are used.
 
-        They are used after `MIN_STAMPED_IMAGES` valid ones; after an invalid one they are not used until `connect`.
+        They are used after `MIN_STAMPED_IMAGES` successive images whose stamps are on the monotonic clock. After an
+        invalid one they are not used until `connect`. Before that many images a stamp is also invalid if it is too old:
+        it is on another clock. Later an old stamp is valid: its image has waited in a buffer.
+
+        Args:
+            age_s: age of the stamp on the monotonic clock, s; negative if it is in the future.
         """
-        if 0 <= self._stamped < MIN_STAMPED_IMAGES:
-            self._stamped = self._stamped + 1 if -MAX_STAMP_AHEAD_S <= age_s <= MAX_STAMP_AGE_S else -1
-        elif self._stamped >= MIN_STAMPED_IMAGES and age_s < -MAX_STAMP_AHEAD_S:
+        if self._valid_stamps == _UNUSABLE:
+            return False
+        if self._valid_stamps < MIN_STAMPED_IMAGES:
+            on_this_clock = -MAX_STAMP_AHEAD_S <= age_s <= MAX_STAMP_AGE_S
+            self._valid_stamps = self._valid_stamps + 1 if on_this_clock else _UNUSABLE
+        elif age_s < -MAX_STAMP_AHEAD_S:
             self.counts["stampless"] += 1
-            self._stamped = -1
-        return self._stamped >= MIN_STAMPED_IMAGES
+            self._valid_stamps = _UNUSABLE
+        return self._valid_stamps >= MIN_STAMPED_IMAGES
 
     def close(self) -> None:
         """Releases the camera."""
@@ -262,7 +273,7 @@ class OpenCvCamera(Driver):
         report = None if self._stream is None else self._stream.clock_report()
         if report is not None:
             return {self.view: report}
-        return {self.view: ClockReport(0.0, self._delay_s)} if self._stamped >= MIN_STAMPED_IMAGES else {}
+        return {self.view: ClockReport(0.0, self._delay_s)} if self._valid_stamps >= MIN_STAMPED_IMAGES else {}
 
     @property
     def _where(self) -> str:

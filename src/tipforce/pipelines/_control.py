@@ -105,10 +105,10 @@ class ControlRun:
     """Result of a run.
 
     Attributes:
-        ticks: one row each tick.
-        true_n: (n,) true force at each tick in newtons, for evaluation only.
+        ticks: the n ticks of the loop in their order.
+        true_n: (n,) magnitude of the true force at each tick in newtons, for evaluation only.
         restarts: number of times that the loop started again after a retraction.
-        values: facts of the simulated session by name.
+        values: parameters of the simulated session by name: the catheter, the tissue's motion, the sensor's errors.
         settings: target, controller, limits.
     """
 
@@ -197,7 +197,7 @@ class _Feedback:
 
 
 def _true_force_n(bench: LiveSimulation, time_s: FloatArray) -> FloatArray:
-    """Returns (n, 3) the tissue's force on the tip."""
+    """Returns the tissue's force on the tip (n, 3), in newtons, at times (n,)."""
     source = bench.source
     return source.interpolator.at(source.trajectory.contact.force_n, time_s)
 
@@ -321,10 +321,13 @@ class ControlSession:
                 return
 
     def finish(self) -> ControlRun:
-        """Returns the result, with the truth."""
+        """Completes the result after the last event and returns it.
+
+        `events` has filled the ticks. This adds the magnitude of the true force at the time of each tick, the number
+        of restarts, and the parameters with which the session was simulated.
+        """
         run = self.run
-        times = np.array([tick.time_s for tick in run.ticks])
-        run.true_n = np.linalg.norm(_true_force_n(self.simulation, times), axis=1)
+        run.true_n = np.linalg.norm(_true_force_n(self.simulation, run.time_s), axis=1)
         run.restarts = self.loop.restarts
         run.values = dict(self.simulation.source.values())
         return run

@@ -86,10 +86,15 @@ class LiveControl:
         actuators: the drives; they may be connected later.
         clock: the engine's clock.
         settings: target, controller, limits, drives.
-        marks: start and goal of the path where the settings hold none; without them the operator marks both.
+        marks: start and goal of the path, each a position by name of the drive in mm or degrees, where the settings
+            hold none; without them the operator marks both.
         frame_period_s: time between images, as the source promises.
         silent_s: returns the time in s since a page was heard; None: runs continue without one.
-        true_force_n: the true force on the tip now, in newtons, of a simulated bench; for the record only.
+        true_force_n: returns the magnitude of the true force on the tip now, in newtons, of a simulated bench; for the
+            record only.
+
+    Raises:
+        InputError: start or goal has other axes than the drives, or both are one position.
     """
 
     def __init__(
@@ -106,31 +111,46 @@ class LiveControl:
         self.settings, self.silent_s = settings, silent_s
         self._true_force_n = true_force_n
         self.sink: Sink = _Estimates(self)
-        self._actuators, self._clock, self._period_s = actuators, clock, frame_period_s
+        self._actuators, self._clock, self._frame_period_s = actuators, clock, frame_period_s
         self._axes = AXES[settings.drives]
-        start, goal = marks or (None, None)
-        self._marks = _Marks(settings.start or start, settings.goal or goal)
-        for places in (self._marks.start, self._marks.goal):
-            if places is not None and set(places) != set(self._axes):
-                raise InputError(
-                    f"hold.start and hold.goal: expected {' and '.join(self._axes)} as drives = {settings.drives} has "
-                    f"it, got {' and '.join(places) or 'nothing'}"
-                )
-        self._marks.path()
+        """Names of the drives that move."""
+        self._marks = self._first_marks(marks)
         self._limit_n = settings.safety.limit_n
+        """The operator's limit, never above that of the settings."""
         self._lock = threading.RLock()
+        """Held during a tick and during the commands that change the run; a stop does not wait for it."""
         self._loop: ControlLoop | None = None
+        """None until there are drives and a path."""
         self._latest: LiveUpdate | None = None
+        """The newest estimate, which a loop that is made later begins with."""
         self._stopped = False
-        self._why_stopped = self._why = ""
-        """Reason of the stop; missing conditions of a start."""
+        """Whether the drives were stopped, by the operator or after an error, and not released yet."""
+        self._why_stopped = ""
+        """Reason of the stop."""
+        self._why_not_ready = ""
+        """Error of the last tick while no run was on its way; empty if it had none."""
         self._runs: list[LoopRun] = []
         self._recording = False
         """Whether the newest of the runs is on its way, or was stopped and not released yet."""
         self._recorded_ns = clock.now_ns()
+        """Time until which the newest run has been recorded."""
         self._ending = threading.Event()
+        """Set when the thread shall end."""
         self._thread = threading.Thread(target=self._run, name="control", daemon=True)
         self._status = LoopStatus(target_n=settings.target_n, limit_n=settings.safety.limit_n)
+
+    def _first_marks(self, marks: tuple[Mapping[str, float], Mapping[str, float]] | None) -> _Marks:
+        """Returns the marks of the settings, else ``marks``. Raises InputError if they make no path of the drives."""
+        start, goal = marks or (None, None)
+        first = _Marks(self.settings.start or start, self.settings.goal or goal)
+        for places in (first.start, first.goal):
+            if places is not None and set(places) != set(self._axes):
+                raise InputError(
+                    f"hold.start and hold.goal: expected {' and '.join(self._axes)} as drives = {self.settings.drives} "
+                    f"has it, got {' and '.join(places) or 'nothing'}"
+                )
+        first.path()  # raises InputError where both are one position
+        return first
 
     def take(self, update: LiveUpdate) -> None:
         """Gives an estimate of `sink`, valid or not, to the loop."""
@@ -169,7 +189,7 @@ class LiveControl:
                 if loop is not None:
                     loop.safety.set_limit(self._limit_n)
                 tick = None if loop is None or self._stopped else self._tick(loop)
-                self._why = ""
+                self._why_not_ready = ""
                 self._status = self._status_of(loop, tick, axes)
         except (
             Exception
@@ -195,7 +215,7 @@ class LiveControl:
     def _connected(self) -> ControlLoop | None:
         """Returns the loop, as soon as there are drives and a path."""
         if self._loop is None and (path := self._marks.path()) is not None:
-            loop = ControlLoop(self._actuators, self._clock, path, self.settings, self._period_s)
+            loop = ControlLoop(self._actuators, self._clock, path, self.settings, self._frame_period_s)
             loop.safety.set_limit(self._limit_n)
             if self._latest is not None:
                 loop.update(self._latest.estimate, self._latest.captured_ns)
@@ -209,23 +229,36 @@ class LiveControl:
         return loop.tick()
 
     def _failed(self, error: Exception) -> None:
-        told = str(error) if isinstance(error, TipforceError) else f"{type(error).__name__}: {error}"
+        """Stops the drives after an error of a tick while they move; else keeps the error as a reason not to start."""
+        message = str(error) if isinstance(error, TipforceError) else f"{type(error).__name__}: {error}"
         loop = self._loop
         if loop is not None and not self._stopped and (loop.resumes or loop.state is not ControlState.IDLE):
-            _log.warning("the run was stopped: %s", told)
+            _log.warning("the run was stopped: %s", message)
             try:
                 self._brake()
             except Exception as failure:
                 _log.warning("the drives could not be stopped: %s", failure)
-            self._why_stopped = told
+            self._why_stopped = message
         else:
-            self._why = told
+            self._why_not_ready = message
         self._status = self._status_of(loop, None, self._status.axes)
 
     def _status_of(self, loop: ControlLoop | None, tick: ControlTick | None, axes: Mapping[str, float]) -> LoopStatus:
+        """Makes the status that the page shows; `status` adds the present force.
+
+        Args:
+            loop: the loop; None without drives or a path.
+            tick: the tick that was just made; None where the loop was stopped, failed, or is missing.
+            axes: last known position of each drive by name, in mm or degrees; empty before it was first read.
+
+        Returns:
+            The status. Its state is "stopped" from a stop until its release, else that of the loop, else "idle". Its
+            reason is that of the stop, else the error of the last tick, else the loop's progress or the missing
+            condition.
+        """
         settings, marks = self.settings, self._marks
         state: LoopState = "idle"
-        reason = self._why
+        reason = self._why_not_ready
         if self._stopped:
             state, reason = "stopped", self._why_stopped
         elif loop is not None:
@@ -234,8 +267,8 @@ class LiveControl:
             missing = [name for name, places in (("start", marks.start), ("goal", marks.goal)) if places is None]
             reason = f"mark {' and '.join(missing)}" if missing else "waiting for the drives"
         place_mm = loop.path.position_mm(axes) if loop is not None and axes else math.nan
-        run = self._runs[-1] if self._runs else None
-        true = None if run is None else run.true
+        newest = self._runs[-1] if self._runs else None
+        estimated, true = (None, None) if newest is None else (newest.estimated, newest.true)
         return LoopStatus(
             state=state,
             reason=reason,
@@ -247,8 +280,8 @@ class LiveControl:
             place_mm=round(place_mm, 2),
             length_mm=math.nan if loop is None else loop.path.length_mm,
             action="" if tick is None else tick.applied.action.value,
-            peak_n=math.nan if run is None else run.estimated.peak_n,
-            above_limit_s=math.nan if run is None else run.estimated.above_limit_s,
+            peak_n=math.nan if estimated is None else estimated.peak_n,
+            above_limit_s=math.nan if estimated is None else estimated.above_limit_s,
             true_peak_n=math.nan if true is None else true.peak_n,
             true_above_limit_s=math.nan if true is None else true.above_limit_s,
             axes=dict(axes),

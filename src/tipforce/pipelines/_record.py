@@ -412,24 +412,40 @@ def _check_inertia(found: ForceCorrections, left_n: float, source: str, name: st
 
 def _check_tare(
     writer: RunWriter,
-    frames: IntArray,
+    frame_ns: IntArray,
     shapes: Sequence[DetectedShape],
-    stamps: IntArray,
-    force: FloatArray,
-    facts: ForceCorrections,
+    reading_ns: IntArray,
+    force_n: FloatArray,
+    found: ForceCorrections,
 ) -> None:
-    """Raises InputError where the tip was in contact during the tare; no reading is then used for labels."""
-    if not facts.tare.stretches_s or facts.sensor is None:
+    """Checks that the tip was free during the tare: by the force log alone, then by the shapes in the images.
+
+    Where it was in contact all labels would be wrong by the force of that contact. Therefore, before the error is
+    raised, the finding is stored, and with it that no reading is used for labels.
+
+    Args:
+        writer: takes the finding.
+        frame_ns: (n,) stamps of the images in ns, on the clock of the force log.
+        shapes: (n) shapes in the images.
+        reading_ns: (m,) stamps of the force readings in ns.
+        force_n: (m, 3) force readings in N, before the tare is subtracted; NaN where they are not used.
+        found: corrections of the force log: tare, inertia, pose of the sensor, movement of the stage.
+
+    Raises:
+        InputError: the tip was in contact during the tare.
+    """
+    if not found.tare.stretches_s or found.sensor is None:
         return
-    mass = facts.sensor.moving_mass_kg
-    changing = changing_tare(stamps, force, facts.stage, facts.tare, facts.inertia, mass)
-    contact = changing or pulling_force(frames, shapes, stamps, force, facts)
+    mass_kg = found.sensor.moving_mass_kg
+    shown_by_log = changing_tare(reading_ns, force_n, found.stage, found.tare, found.inertia, mass_kg)
+    contact = shown_by_log or pulling_force(frame_ns, shapes, reading_ns, force_n, found)
     if contact is None:
         return
-    plausible = facts.plausibility.without(stamps, np.ones(len(stamps), np.bool_))
+    every_reading = np.ones(len(reading_ns), np.bool_)
+    plausible = found.plausibility.without(reading_ns, every_reading)
     writer.state(replace(plausible, findings=(*plausible.findings, contact)))
-    other = contact_free_stretch(stamps, force, facts.stage, mass) if changing else None
-    example = f", for example tare=({other[0]:g}, {other[1]:g})" if other else ""
+    free_s = contact_free_stretch(reading_ns, force_n, found.stage, mass_kg) if shown_by_log else None
+    example = f", for example tare=({free_s[0]:g}, {free_s[1]:g})" if free_s else ""
     raise InputError(
         f"tare: the tip seems to be in contact at {contact.start_s:g} to {contact.end_s:g} s of the force log: "
         f"{contact.detail}; state a stretch without contact, tare=(START, END){example}, "

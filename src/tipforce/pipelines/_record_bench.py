@@ -194,6 +194,10 @@ class BenchRecording:
         return RecordingReport(report.summary, (*report.remarks, *said))
 
     def _ended(self) -> Ended:
+        """Returns the facts that are known at the end: clock, health and description of the devices; the guide's tare.
+
+        Keeps the health: the devices are released soon after.
+        """
         assert self._watched is not None
         self.health_at_end = self.health()
         notes = {
@@ -206,7 +210,15 @@ class BenchRecording:
 
 
 class _Watched(ClosedAtExit):
-    """A source with its meters, a guide, and an end."""
+    """A source that counts its events, passes them to a guide, and ends in time.
+
+    Args:
+        source: the source of the events.
+        clock: the clock of its stamps.
+        info: metadata of the session.
+        seconds: duration in s from the first event; None: until `stop`, or the end of the guide or the source.
+        guide: the guide of a first session, which the events move on; None without one.
+    """
 
     def __init__(
         self, source: Source, clock: Clock, info: SessionInfo, seconds: float | None, guide: Guide | None
@@ -215,8 +227,11 @@ class _Watched(ClosedAtExit):
         self._seconds, self._guide = seconds, guide
         self._stopped = False
         self._began_ns: int | None = None
+        """Stamp of the first event; None before it."""
         self._meters: dict[tuple[str, str], StreamMeter] = {}
-        self._force = ForceMonitor(info.sensor.range_n)
+        """Count and rate of the events by stream and kind, as ("camera", "frame")."""
+        self._force_monitor = ForceMonitor(info.sensor.range_n)
+        """Watches the force for a fault of the sensor, where no device does so."""
 
     def stop(self) -> None:
         """Ends after the event that comes next."""
@@ -235,7 +250,7 @@ class _Watched(ClosedAtExit):
             name, kind = _stream(event)
             self._meters.setdefault((name, kind), StreamMeter()).add(self.clock.now_ns())
             if isinstance(event, Wrench) and not isinstance(self._source, HardwareSource):  # which checks its own
-                self._force.add(event.stamp_ns, event.force_n)
+                self._force_monitor.add(event.stamp_ns, event.force_n)
             yield event
             if self._guide is not None:
                 self._guide.take(event)
@@ -257,10 +272,11 @@ class _Watched(ClosedAtExit):
             )
             for (name, kind), meter in tuple(self._meters.items())
         )  # fmt: skip
-        return (DeviceHealth("simulated bench", "connected", 1, (), {}, self._force.remark, streams),)
+        return (DeviceHealth("simulated bench", "connected", 1, (), {}, self._force_monitor.remark, streams),)
 
 
 def _stream(event: Event) -> tuple[str, Any]:
+    """Returns stream and kind of an event, as ("camera", "frame")."""
     if isinstance(event, Frame):
         return event.view, "frame"
     return ("force", "wrench") if isinstance(event, Wrench) else (event.stream, "actuation")

@@ -226,26 +226,39 @@ def build_stereo(
             return self.mask_head(torch.relu(total)).squeeze(1).unflatten(0, (-1, VIEWS)).float()
 
         def estimated(self, last: Tensor, metadata: Tensor, actuation: Tensor | None) -> tuple[Tensor, ...]:
-            """Returns `STEREO_OUTPUTS` of the images without their mirror images.
+            """Estimates the force from the features of the images as they are, without their mirror images.
+
+            The force is the sum of a term in the unit of bending, EI / L^2, and a term in the unit of indentation,
+            proportional to the length L: so stiffness EI and length enter as in mechanics. The metadata modulate the
+            dense features by a scale and a shift (FiLM, Perez et al. 2018).
 
             Args:
-                last: (2 n, c, h, h) the last level's features.
-                metadata: (n, k) metadata features.
-                actuation: (n, m) actuation values; None for a network without.
+                last: (2 n, c, h, h) features of the encoder's last level, both views of a sample one after the other.
+                metadata: (n, k) metadata features; the first two are the logarithms of stiffness and length.
+                actuation: (n, m) actuation values in their own units; None for a network without.
+
+            Returns:
+                `STEREO_OUTPUTS` of the n samples: forces (n, outputs) in N, the logarithm of their variances
+                (n, outputs) in ``unit_n`` squared, the logit of contact (n,), the logit of an in-distribution position
+                of the catheter (n,), the feature grids of both views (n, g), and the last features (n, `FEATURES`).
             """
             conditions = metadata
             if actuation is not None:
                 conditions = torch.cat([metadata, (actuation - self.actuation_mean) / self.actuation_deviation], dim=1)
             scale, shift = self.film(conditions).chunk(2, 1)
-            grid = self.grid_projection(last).flatten(1).unflatten(0, (-1, VIEWS)).flatten(1)
-            x = torch.relu(self.dense(grid) * (1.0 + scale) + shift)
-            features = torch.relu(self.hidden(x))
+            view_grids = self.grid_projection(last).flatten(1)
+            grid = view_grids.unflatten(0, (-1, VIEWS)).flatten(1)  # both views of a sample in one row
+            modulated = torch.relu(self.dense(grid) * (1.0 + scale) + shift)
+            features = torch.relu(self.hidden(modulated))
             output = self.output_head(features).float()
-            bending = self.unit_n * torch.exp(metadata[:, :1] - 2.0 * metadata[:, 1:2])
-            indentation = self.unit_n * torch.exp(metadata[:, 1:2])
-            force = output[:, :outputs] * bending + output[:, outputs : 2 * outputs] * indentation
+            log_stiffness, log_length = metadata[:, :1], metadata[:, 1:2]
+            bending_n = self.unit_n * torch.exp(log_stiffness - 2.0 * log_length)
+            indentation_n = self.unit_n * torch.exp(log_length)
+            bending_part, indentation_part = output[:, :outputs], output[:, outputs : 2 * outputs]
+            force = bending_part * bending_n + indentation_part * indentation_n
             log_variance = output[:, 2 * outputs : 3 * outputs].clamp(*LOG_VARIANCE_RANGE)
+            contact = output[:, -1]
             in_distribution = self.distribution_head(grid)[:, 0].float()
-            return force, log_variance, output[:, -1], in_distribution, grid.float(), features.float()
+            return force, log_variance, contact, in_distribution, grid.float(), features.float()
 
     return Stereo()

@@ -117,11 +117,12 @@ class ShapeRegressor(CentrelineEstimator):
         return made
 
     def learn(self, features: FloatArray, force_n: FloatArray) -> Any:
-        """Learns from a table; a method that overrides `train` needs none.
+        """Learns from a table; a method that overrides `train` need not implement it.
 
         Args:
-            features: (n, k) shape numbers, then drives; with a window those of each lag, the newest first.
-            force_n: (n, t) forces in newtons.
+            features: (n, k) k features of each of n samples: shape numbers, then drives; with a window those of each
+                lag, the newest first.
+            force_n: (n, t) forces in newtons: a column for each of the t targets, see `FittedRegressor.targets`.
 
         Returns:
             The model: arrays by name, or anything that `model_state` can save.
@@ -133,14 +134,15 @@ class ShapeRegressor(CentrelineEstimator):
 
     @abstractmethod
     def regress(self, model: Any, features: FloatArray) -> FloatArray:
-        """Estimates forces.
+        """Estimates the force in each of m frames.
 
         Args:
             model: the model, as `learn` returned it.
-            features: (m, k) as `learn` was given them.
+            features: (m, k) features of the m frames, in the same k columns as those of `learn`.
 
         Returns:
-            (m, t) forces in newtons.
+            (m, t) estimated forces in newtons, in the same t columns as those of `learn`: the known force
+            components, or the magnitude alone.
         """
 
     def train(self, rows: Rows, report: Progress) -> Trained:

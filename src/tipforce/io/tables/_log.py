@@ -3,6 +3,7 @@
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,8 @@ MAX_PAUSE_S = 86_400
 """A longer pause between two rows means that the clock was set."""
 
 _DATE_NAMES = ("date", "datum")
+_SECONDS, _NANOSECONDS = "sec", "nanosec"
+"""Names of the two columns of a stamp of ROS."""
 _SEQUENCE = re.compile(r"^rdt ?sequence$", re.IGNORECASE)
 _RATES = ("rdt sample rate", "sample rate", "sampling rate", "sampling frequency", "frequency", "rate")
 _INTERVALS = ("delta_x", "delta x", "sample interval", "sampling interval")
@@ -68,6 +71,20 @@ class Log:
         return self.table.codes(name)[self.rows]
 
 
+class _RowTimes(NamedTuple):
+    """Times of those rows of a table that have one, in the order of the table.
+
+    Attributes:
+        stamp_ns: (n,) stamps in ns.
+        rows: (n,) numbers of these rows in the table.
+        source: the columns of the times, with the unit of a column of numbers, as text: "t (ms)", "date and time".
+    """
+
+    stamp_ns: IntArray
+    rows: IntArray
+    source: str
+
+
 @dataclass(slots=True)
 class _Reader:
     """Finds the times of the rows of one log."""
@@ -90,7 +107,7 @@ class _Reader:
                 f"its rows have no times; they are taken as {rate_hz:g} rows per second, as {stated}, from 0 s on"
             )
             return Log(self.table, stamps, np.arange(count), f"row / {rate_hz:g} per second", (), tuple(self.remarks))
-        stamps, rows, said = self._stamps(names)
+        stamps, rows, said = self._row_times(names)
         if not len(rows):
             raise TableError(f"{self.table.path}: no row has a time in {names[0]}; state {self.key}.time in bench.toml")
         sequence = next((name for name in self.table.columns if _SEQUENCE.match(name)), None)
@@ -151,7 +168,7 @@ class _Reader:
                 )
             return (info.time,)
         fitting = time_columns(table.columns)
-        if len(fitting) == 1 or fitting == ("sec", "nanosec"):
+        if len(fitting) == 1 or fitting == (_SECONDS, _NANOSECONDS):
             return fitting
         if len(fitting) > 1:
             raise TableError(
@@ -168,35 +185,49 @@ class _Reader:
             )
         return ()
 
-    def _stamps(self, names: tuple[str, ...]) -> tuple[IntArray, IntArray, str]:
-        """Returns the stamps of the rows that have one, these rows, and the columns of the time as text."""
+    def _row_times(self, names: tuple[str, ...]) -> _RowTimes:
+        """Reads the times of the rows, which are whole numbers, other numbers or texts.
+
+        Args:
+            names: the columns of the times: the pair "sec" and "nanosec", or one column.
+
+        Returns:
+            The times. A row with an empty cell is left out, with a remark. A column of whole numbers has no empty cell
+            and is converted exactly: a float has 53 bits, and a stamp in ns since 1970 needs 61.
+
+        Raises:
+            TableError: the unit is unknown, or a cell is no time.
+            TimeError: a time is past the year 2038.
+        """
         table, path = self.table, self.table.path
-        if names == ("sec", "nanosec"):
-            seconds, nanoseconds = (self._numbers(name) for name in names)
-            whole = seconds.dtype == nanoseconds.dtype == np.int64
-            stamps = numbers_ns(path, seconds, "s", self._unit_remedy()) + nanoseconds.astype(np.int64)
-            return (stamps, np.arange(len(stamps)), "sec + nanosec") if whole else self._present(names, "ns")
+        if names == (_SECONDS, _NANOSECONDS):
+            return self._second_pairs()
         name = names[0]
         if is_time_text(table.first(name)):
-            return self._texts(name)
+            return self._text_times(name)
         unit = "ns" if name == "stamp_ns" else self._unit(name)
         numbers = self._numbers(name)
         rows = np.arange(len(numbers))
-        if numbers.dtype != np.int64:
+        if not _are_whole(numbers):
             rows = np.flatnonzero(np.isfinite(numbers))
-            self._say_without_time(len(numbers) - len(rows))
-        return numbers_ns(path, numbers[rows], unit, self._unit_remedy()), rows, f"{name} ({unit})"
+            self._remark_rows_without_time(len(numbers) - len(rows))
+        return _RowTimes(numbers_ns(path, numbers[rows], unit, self._unit_remedy()), rows, f"{name} ({unit})")
 
-    def _present(self, names: tuple[str, ...], unit: TimeUnit) -> tuple[IntArray, IntArray, str]:
-        """Returns stamps of the pair sec and nanosec where some cells are empty or no whole numbers."""
-        pair = self.table.readings(list(names))
-        rows = np.flatnonzero(np.isfinite(pair).all(axis=1))
-        self._say_without_time(len(pair) - len(rows))
-        stamps = numbers_ns(self.table.path, pair[rows, 0] * 1e9 + pair[rows, 1], unit, self._unit_remedy())
-        return stamps, rows, "sec + nanosec"
+    def _second_pairs(self) -> _RowTimes:
+        """Reads times in two columns, seconds and the nanoseconds to add; see `_row_times`."""
+        path, source = self.table.path, f"{_SECONDS} + {_NANOSECONDS}"
+        seconds, nanoseconds = self._numbers(_SECONDS), self._numbers(_NANOSECONDS)
+        if _are_whole(seconds) and _are_whole(nanoseconds):
+            stamps = numbers_ns(path, seconds, "s", self._unit_remedy()) + nanoseconds.astype(np.int64)
+            return _RowTimes(stamps, np.arange(len(stamps)), source)
+        pairs = self.table.readings([_SECONDS, _NANOSECONDS])
+        rows = np.flatnonzero(np.isfinite(pairs).all(axis=1))
+        self._remark_rows_without_time(len(pairs) - len(rows))
+        stamps = numbers_ns(path, pairs[rows, 0] * 1e9 + pairs[rows, 1], "ns", self._unit_remedy())
+        return _RowTimes(stamps, rows, source)
 
-    def _texts(self, name: str) -> tuple[IntArray, IntArray, str]:
-        """Returns the stamps of times of day and dates, their rows, and their columns as text."""
+    def _text_times(self, name: str) -> _RowTimes:
+        """Reads times of day and dates that are texts in the column ``name``; see `_row_times`."""
         table, info = self.table, self.info
         date_name = info.date or next((each for each in table.columns if each.lower() in _DATE_NAMES), None)
         if info.date is not None:
@@ -204,7 +235,7 @@ class _Reader:
         missing = MISSING | {text.lower() for text in info.missing}
         every = table.cells(name)
         rows = np.array([row for row, cell in enumerate(every) if cell.lower() not in missing], np.int64)
-        self._say_without_time(len(every) - len(rows))
+        self._remark_rows_without_time(len(every) - len(rows))
         cells = [every[row] for row in rows.tolist()]
         dates = None
         if date_name is not None and date_name != name and cells and is_time_of_day(cells[0]):
@@ -220,7 +251,7 @@ class _Reader:
             dates=dates,
             rows=rows,
         )
-        return stamps, rows, name if dates is None else f"{date_name} and {name}"
+        return _RowTimes(stamps, rows, name if dates is None else f"{date_name} and {name}")
 
     def _numbers(self, name: str) -> FloatArray | IntArray:
         """Returns the (n,) numbers of a column; whole numbers are exact."""
@@ -245,7 +276,7 @@ class _Reader:
     def _unit_remedy(self) -> str:
         return f"check {self.key}.time_unit"
 
-    def _say_without_time(self, count: int) -> None:
+    def _remark_rows_without_time(self, count: int) -> None:
         if count:
             self.remarks.append(f"{count} rows without a time are left out")
 
@@ -349,6 +380,11 @@ def _rate_of(text: str, *, interval: bool) -> float | None:
     if not value:
         return None
     return 1.0 / value if interval else value
+
+
+def _are_whole(numbers: FloatArray | IntArray) -> bool:
+    """Returns whether a column holds whole numbers only: `_Reader._numbers` returns all other columns as floats."""
+    return numbers.dtype == np.int64
 
 
 def _unwrapped(numbers: IntArray | None, rows: IntArray) -> IntArray:

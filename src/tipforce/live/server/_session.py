@@ -61,31 +61,41 @@ class PageSession:
         self._name = f"page {hub.next_name()}{where}"
         """Name of the page that pressed a button, for all other pages and streams."""
         self._sending = asyncio.Lock()
+        """Held while a message is sent: tasks of their own send frames, states and answers."""
         self._view, self._width = "", WIDTHS[2]
         self._in_flight: int | None = None
-        self._waiting: set[asyncio.Task[None]] = set()
+        """Number of the frame that was sent and not acknowledged; None if the next one may be sent."""
+        self._orders: set[asyncio.Task[None]] = set()
+        """Commands of the page that are being executed, without stops."""
         self._stops: set[asyncio.Task[None]] = set()
+        """Stop commands of the page that are being executed."""
         self._answers: set[asyncio.Task[None]] = set()
+        """Answers that are being sent."""
 
     async def run(self) -> None:
-        """Serves the page until the page or the server ends."""
+        """Serves the page until the page closes its socket or the server ends.
+
+        Three tasks run at the same time; the first that ends, or fails, ends the session. Then all tasks of the page
+        are cancelled but its stop commands: these are executed also when the page has gone.
+        """
         await self._socket.accept()
-        self._news = self._hub.join()
-        tasks = [asyncio.create_task(each) for each in (self._send_news(), self._receive(), self._send_loop())]
+        self._news = self._hub.join()  # set by the hub when there is a new frame or state
+        serving = [asyncio.create_task(each) for each in (self._send_news(), self._receive(), self._send_loop())]
         try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
+            ended, _ = await asyncio.wait(serving, return_when=asyncio.FIRST_COMPLETED)
+            for task in ended:
+                task.result()  # raises the error of a task that failed
         except (WebSocketDisconnect, OSError):
             pass  # the page has gone, which is no error
         finally:
             self._hub.leave(self._news)
-            tasks += self._waiting | self._answers  # stops are still executed when the page has gone
-            for task in tasks:
+            cancelled = [*serving, *self._orders, *self._answers]
+            for task in cancelled:
                 task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await asyncio.gather(*cancelled, return_exceptions=True)
 
     async def _send_news(self) -> None:
+        """Sends the state of the engine when it changes, and the newest frame once the page has drawn the last one."""
         state, last = None, -1
         while not self._hub.closing:
             await self._news.wait()
@@ -171,7 +181,7 @@ class PageSession:
             case Loop(do="stop"):
                 self._begin(command, self._stops, self._hub.urgent)
             case ZeroForce() | UndoZero() | Integral() | Record() | Limits() | Loop():
-                self._begin(command, self._waiting, None)
+                self._begin(command, self._orders, None)
 
     def _begin(self, command: _Order, waiting: set[asyncio.Task[None]], on: Executor | None) -> None:
         if len(waiting) >= MAX_WAITING_COMMANDS:

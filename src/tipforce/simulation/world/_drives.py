@@ -52,9 +52,21 @@ def _follow(
     speed: float,
     out: FloatArray,
 ) -> tuple[float, float]:
-    """Follows the commands as fast as the axis can while it is able to stop there; NaN: it brakes to rest.
+    """Follows the commands as fast as the axis can while it is able to stop there.
 
-    Returns position and speed.
+    Args:
+        commands: (m,) target positions in the unit of the axis; NaN: to brake to rest.
+        dt_s: time between commands.
+        max_speed: see `AxisModel`.
+        max_acceleration: see `AxisModel`.
+        low: see `AxisModel`.
+        high: see `AxisModel`.
+        place: position before the first command.
+        speed: speed before the first command, per s.
+        out: (m,) array that receives the position after each command.
+
+    Returns:
+        Position and speed after the last command.
     """
     for row in range(commands.size):
         gap = min(max(commands[row], low), high) - place
@@ -75,7 +87,16 @@ def _follow(
 
 @njit(cache=True, error_model="numpy")
 def _lag(positions: FloatArray, share: float, place: float) -> float:
-    """Applies a first-order lag to ``positions`` in place; returns the last one."""
+    """Applies a first-order lag.
+
+    Args:
+        positions: (m,) positions of the motor; they are replaced by those of the load.
+        share: share of the distance to the motor that the load covers in one step.
+        place: position of the load before the first step.
+
+    Returns:
+        Position of the load after the last step.
+    """
     for row in range(positions.size):
         place += share * (positions[row] - place)
         positions[row] = place
@@ -89,7 +110,7 @@ class Axis:
         model: limits and dynamics of the axis.
         dt_s: time between commands.
         start: position at the start, in the unit of the axis.
-        speed: speed at the start, for each second.
+        speed: speed at the start, in that unit per s.
 
     >>> axis = Axis(AxisModel(step=1e-5, max_speed=0.1, max_acceleration=1.0), dt_s=1e-3)
     >>> bool(axis.follow(np.array([0.05]))[0] < 1e-4)  # it has mass
@@ -98,19 +119,31 @@ class Axis:
 
     def __init__(self, model: AxisModel, dt_s: float, start: float = 0.0, speed: float = 0.0) -> None:
         self.model, self.dt_s = model, dt_s
-        self._place, self._speed = start, speed
-        self._driven = start
+        self._motor, self._motor_speed = start, speed
+        self._load = start
+        """Position of the load, which lags behind the motor where the model has a lag."""
 
     def follow(self, commands: FloatArray) -> FloatArray:
-        """Returns the positions (m,), not in whole steps, for ``commands`` (m,), one each ``dt_s``, NaN to brake."""
+        """Moves the axis by one step of ``dt_s`` for each command, from where the last call left it.
+
+        The motor keeps to the limits of speed, acceleration and travel; the load follows it with the model's lag.
+
+        Args:
+            commands: (m,) target positions in the unit of the axis; NaN: to brake to rest.
+
+        Returns:
+            (m,) positions of the load after each step, in the unit of the axis. They are exact; `resolved` rounds
+            them to whole steps of the motor.
+        """
         positions = np.empty(len(commands))
         model = self.model
-        self._place, self._speed = _follow(
+        self._motor, self._motor_speed = _follow(
             np.ascontiguousarray(commands), self.dt_s, model.max_speed, model.max_acceleration, model.low, model.high,
-            self._place, self._speed, positions,
+            self._motor, self._motor_speed, positions,
         )  # fmt: skip
         if model.lag_s > 0.0:
-            self._driven = _lag(positions, -math.expm1(-self.dt_s / model.lag_s), self._driven)
+            share = -math.expm1(-self.dt_s / model.lag_s)  # exact solution of a first-order lag over one step
+            self._load = _lag(positions, share, self._load)  # changes the positions
         return positions
 
     def resolved(self, positions: FloatArray) -> FloatArray:

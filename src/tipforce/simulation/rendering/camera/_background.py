@@ -26,6 +26,20 @@ _CABLES: tuple[Colour, ...] = (
     (190, 160, 60),
 )
 _BLOCKS: tuple[Colour, ...] = ((45, 46, 50), (150, 150, 152), (190, 188, 182), (70, 72, 80))
+_METAL_GRAIN_PX = (60.0, 0.8)
+"""Blur of the noise along the brushing and across it (standard deviations): it makes long, thin scratches."""
+_METAL_BLOTCHES_PX = (120.0, 400.0)
+"""Scales of the uneven brightness of the plate."""
+_METAL_BLOTCHES_FALL = 0.7
+"""Weight of the finer of these scales relative to the coarser one."""
+_MOST_STREAKS = 3
+"""Largest number of streaks on a metal plate; the smallest is 1."""
+_STREAK_MIDDLE_M = (-0.02, 0.12)
+"""Range of the position at which the middle of a streak meets the line y = 0 of the turned axes of the plate."""
+_STREAK_WIDTH_M = (6e-3, 30e-3)
+"""Range of the distance from the middle of a streak at which its brightness is 1/e of that in the middle."""
+_STREAK_SLANT = 0.1
+"""Shift of a streak toward smaller x for each metre of y."""
 
 
 def _turned(points: FloatArray, turn: float, at: FloatArray) -> FloatArray:
@@ -266,7 +280,10 @@ def paint_front_objects(
 
 
 def _grid(canvas: SceneCanvas, turn: float) -> tuple[FloatImage, FloatImage]:
-    """Coordinates of the canvas's pixels in metres along axes turned by ``turn``."""
+    """Returns the coordinates x and y, (h, w) each, of the canvas's pixels in metres, along axes turned by ``turn``.
+
+    They are 0 in the middle of the upper left pixel.
+    """
     h, w = canvas.transmittance.shape
     v, u = np.mgrid[0:h, 0:w].astype(np.float32) / np.float32(canvas.px_per_m)
     c, s = np.float32(math.cos(turn)), np.float32(math.sin(turn))
@@ -366,16 +383,29 @@ def _printed(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.rand
 
 
 def _metal(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """Returns the texture of a plate of brushed metal, with the streaks in which it mirrors the lamps."""
+    """Returns the texture of a plate of brushed metal, with the streaks in which it mirrors the lamps.
+
+    Args:
+        canvas: canvas of the image; only its size (h, w) and its scale are used.
+        appearance: grey levels of the scratches and of the streaks.
+        rng: random numbers.
+
+    Returns:
+        (h, w) difference from the mean grey level of the plate, in grey levels.
+    """
     h, w = canvas.transmittance.shape
-    long, short = (60.0, 0.8) if rng.random() < 0.5 else (0.8, 60.0)
-    brushed = cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), sigmaX=long, sigmaY=short)
-    level = brushed / brushed.std() * appearance.texture_grey
+    brushed_along_x = rng.random() < 0.5
+    blur_x_px, blur_y_px = _METAL_GRAIN_PX if brushed_along_x else _METAL_GRAIN_PX[::-1]
+    noise = rng.standard_normal((h, w), np.float32)
+    scratches = cv2.GaussianBlur(noise, (0, 0), sigmaX=blur_x_px, sigmaY=blur_y_px)
+    level = scratches / scratches.std() * appearance.texture_grey
     x, y = _grid(canvas, float(rng.uniform(0, math.pi)))
-    for _ in range(int(rng.integers(1, 4))):
-        middle, wide = rng.uniform(-0.02, 0.12), rng.uniform(6e-3, 30e-3)
-        level += np.exp(-(((x - np.float32(middle) + 0.1 * y) / np.float32(wide)) ** 2)) * appearance.lines_grey
-    return (level + multi_scale_noise(rng, (h, w), (120.0, 400.0), 0.7) * appearance.texture_grey).astype(np.float32)
+    for _ in range(int(rng.integers(1, _MOST_STREAKS + 1))):
+        middle_m, width_m = rng.uniform(*_STREAK_MIDDLE_M), rng.uniform(*_STREAK_WIDTH_M)
+        across = (x - np.float32(middle_m) + _STREAK_SLANT * y) / np.float32(width_m)
+        level += np.exp(-(across**2)) * appearance.lines_grey
+    blotches = multi_scale_noise(rng, (h, w), _METAL_BLOTCHES_PX, _METAL_BLOTCHES_FALL)
+    return (level + blotches * appearance.texture_grey).astype(np.float32)
 
 
 def _room(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:

@@ -144,6 +144,18 @@ BIPLANE_VARIED = FLUORO_VARIED.model_copy(
 """Two views, 60 to 100 degrees apart, as they differ from laboratory to laboratory."""
 _TURNS = {"left": 0.0, "right": math.pi, "top": -0.5 * math.pi, "bottom": 0.5 * math.pi}
 _HALF_PX = 256.0
+_ROUTE_SHARES = {"wire": 0.3, "sinus": 0.3, "ventricle": 0.25, "lead": 0.15}
+"""Probability of each route of an instrument: a guide wire to the upper left or right of the heart, a catheter into the
+coronary sinus, a catheter into the ventricle, a lead from above."""
+_KINDS = {"wire": "wire", "sinus": "diagnostic", "ventricle": "diagnostic", "lead": "lead"}
+"""Kind of instrument that takes a route, see `Instrument`."""
+_WIRE_SPREAD_MM, _OTHER_SPREAD_MM = 2.5, 5.0
+"""Standard deviation of the points of a route about their usual places: of a guide wire, and of other instruments."""
+_PROBE_KNOTS_MM = ((-8, 48, 110), (-6, 46, 60), (-4, 44, 20), (0, 42, -8))
+"""Axis of the ultrasound probe in the oesophagus, from above. The patient's frame: x left, y back, z to the head."""
+_PROBE_RADIUS_M = (4.5e-3, 6e-3)
+_PROBE_SWAY_M = 0.5e-3
+_PROBE_SPREAD_MM = 3.0
 Rows = list[tuple[float, float, float]]
 
 
@@ -176,10 +188,10 @@ def sample_xray_scene(
         catheter=_catheter(ranges, rng),
         devices=_instruments(ranges, rng),
         rhythm=Rhythm(
-            heart_hz=_of(rng, ranges.heart_hz),
-            breath_hz=_of(rng, ranges.breath_hz),
-            beat=_of(rng, ranges.beat),
-            breath_m=_of(rng, ranges.breath_m),
+            heart_hz=_uniform(rng, ranges.heart_hz),
+            breath_hz=_uniform(rng, ranges.breath_hz),
+            beat=_uniform(rng, ranges.beat),
+            breath_m=_uniform(rng, ranges.breath_m),
             heart_phase=rng.random(),
             breath_phase=rng.random(),
         ),
@@ -193,7 +205,7 @@ def _varied(
 ) -> XrayScene:
     """Adds the differences between laboratories; the stated geometry becomes the nominal one."""
     axes = scene.views[0].true.display_axes()
-    depth = _of(rng, ranges.depth_m) * axes[2]
+    depth = _uniform(rng, ranges.depth_m) * axes[2]
     base = np.array(scene.base_m) + depth
     low, high = (math.log(x) for x in ranges.calibration_px)
     off = math.exp(rng.uniform(low, high))
@@ -207,24 +219,24 @@ def _varied(
     )
 
 
-def _of(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+def _uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
     return float(rng.uniform(*bounds))
 
 
 def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]:
     first = CArm(
-        primary_deg=_of(rng, ranges.primary_deg),
-        secondary_deg=_of(rng, ranges.secondary_deg),
-        source_detector_m=_of(rng, ranges.source_detector_m),
-        source_object_m=_of(rng, ranges.source_object_m),
-        scale_m_per_px=_of(rng, ranges.scale_m_per_px),
-        roll_deg=_of(rng, ranges.roll_deg),
-        centre_px=(_of(rng, ranges.centre_px), _of(rng, ranges.centre_px)),
+        primary_deg=_uniform(rng, ranges.primary_deg),
+        secondary_deg=_uniform(rng, ranges.secondary_deg),
+        source_detector_m=_uniform(rng, ranges.source_detector_m),
+        source_object_m=_uniform(rng, ranges.source_object_m),
+        scale_m_per_px=_uniform(rng, ranges.scale_m_per_px),
+        roll_deg=_uniform(rng, ranges.roll_deg),
+        centre_px=(_uniform(rng, ranges.centre_px), _uniform(rng, ranges.centre_px)),
     )
     arms = [first]
     if ranges.planes == 2:
         # The second arm is across: its primary angle is found so that the central rays have the drawn angle.
-        apart, second = _of(rng, ranges.between_planes_deg), _of(rng, (-5.0, 5.0))
+        apart, second = _uniform(rng, ranges.between_planes_deg), _uniform(rng, (-5.0, 5.0))
         s1, s2 = math.radians(first.secondary_deg), math.radians(second)
         cosine = (math.cos(math.radians(apart)) - math.sin(s1) * math.sin(s2)) / (math.cos(s1) * math.cos(s2))
         primary = first.primary_deg + math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
@@ -232,14 +244,14 @@ def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]
             CArm(
                 primary_deg=primary,
                 secondary_deg=second,
-                source_detector_m=_of(rng, ranges.source_detector_m),
-                source_object_m=_of(rng, ranges.source_object_m),
-                scale_m_per_px=_of(rng, ranges.scale_m_per_px),
-                roll_deg=_of(rng, ranges.roll_deg),
-                centre_px=(_of(rng, ranges.centre_px), _of(rng, ranges.centre_px)),
+                source_detector_m=_uniform(rng, ranges.source_detector_m),
+                source_object_m=_uniform(rng, ranges.source_object_m),
+                scale_m_per_px=_uniform(rng, ranges.scale_m_per_px),
+                roll_deg=_uniform(rng, ranges.roll_deg),
+                centre_px=(_uniform(rng, ranges.centre_px), _uniform(rng, ranges.centre_px)),
             )
         )
-    pulse, detector = _of(rng, ranges.pulse_s), _detector(ranges, rng)
+    pulse, detector = _uniform(rng, ranges.pulse_s), _detector(ranges, rng)
     low, high = (math.log(x) for x in ranges.photons)
     views: list[XrayView] = []
     for arm in arms:
@@ -247,8 +259,8 @@ def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]
             photons=math.exp(rng.uniform(low, high)),
             pulse_s=pulse,
             rate_hz=ranges.rate_hz,
-            focal_spot_m=_of(rng, ranges.focal_spot_m),
-            control_s=_of(rng, ranges.control_s),
+            focal_spot_m=_uniform(rng, ranges.focal_spot_m),
+            control_s=_uniform(rng, ranges.control_s),
         )
         views.append(XrayView(arm, perturbed(arm, ranges.calibration_px, rng), beam, detector))
     return tuple(views)
@@ -257,20 +269,20 @@ def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]
 def _detector(ranges: XrayRanges, rng: np.random.Generator) -> Detector:
     linear = rng.random() < ranges.linear_display
     return Detector(
-        scatter=_of(rng, ranges.scatter),
-        scatter_m=_of(rng, ranges.scatter_m),
-        glare=_of(rng, ranges.glare),
-        glare_m=_of(rng, ranges.glare_m),
-        blur_px=(_of(rng, ranges.blur_px), _of(rng, ranges.blur_tail_px)),
-        blur_tail=_of(rng, ranges.blur_tail),
+        scatter=_uniform(rng, ranges.scatter),
+        scatter_m=_uniform(rng, ranges.scatter_m),
+        glare=_uniform(rng, ranges.glare),
+        glare_m=_uniform(rng, ranges.glare_m),
+        blur_px=(_uniform(rng, ranges.blur_px), _uniform(rng, ranges.blur_tail_px)),
+        blur_tail=_uniform(rng, ranges.blur_tail),
         lag=(
-            (_of(rng, ranges.lag_fast), _of(rng, ranges.lag_fast_keep)),
-            (_of(rng, ranges.lag_slow), _of(rng, ranges.lag_slow_keep)),
+            (_uniform(rng, ranges.lag_fast), _uniform(rng, ranges.lag_fast_keep)),
+            (_uniform(rng, ranges.lag_slow), _uniform(rng, ranges.lag_slow_keep)),
         ),
-        electronic=_of(rng, ranges.electronic),
-        line_noise=_of(rng, ranges.line_noise),
+        electronic=_uniform(rng, ranges.electronic),
+        line_noise=_uniform(rng, ranges.line_noise),
         curve="linear" if linear else "log",
-        contrast=_of(rng, ranges.linear_level if linear else ranges.log_contrast),
+        contrast=_uniform(rng, ranges.linear_level if linear else ranges.log_contrast),
     )
 
 
@@ -278,13 +290,13 @@ def _base(ranges: XrayRanges, rng: np.random.Generator, arm: CArm) -> Pose:
     """Draws the base frame in the patient's: in the first view's image plane through the isocentre, then tilted."""
     axes = arm.display_axes()  # rows: right, up, toward the viewer
     half = _HALF_PX * arm.scale_m_per_px
-    inset, along = _of(rng, ranges.base_inset_m), _of(rng, ranges.base_shift_m)
+    inset, along = _uniform(rng, ranges.base_inset_m), _uniform(rng, ranges.base_shift_m)
     turn = _TURNS[ranges.base_side]
     inward, aside = np.array([math.cos(turn), math.sin(turn)]), np.array([-math.sin(turn), math.cos(turn)])
     off = arm.scale_m_per_px * np.array([arm.centre_px[0], -arm.centre_px[1]])
     place = (inset - half) * inward + along * aside - off
-    tilt = math.radians(_of(rng, ranges.base_tilt_deg))
-    spin = turn + math.radians(_of(rng, ranges.base_turn_deg))
+    tilt = math.radians(_uniform(rng, ranges.base_tilt_deg))
+    spin = turn + math.radians(_uniform(rng, ranges.base_turn_deg))
     turned = Pose.from_euler([rng.uniform(-0.1, 0.1), tilt, spin], np.zeros(3)).rotation
     return Pose(axes.T @ turned, axes[:2].T @ place)
 
@@ -293,55 +305,75 @@ def _catheter(ranges: XrayRanges, rng: np.random.Generator) -> CatheterConstruct
     step = ranges.ring_m + ranges.ring_gap_m
     first = ranges.electrode_m + ranges.ring_gap_m
     return CatheterConstruction(
-        radius_m=0.5 * _of(rng, ranges.diameter_m),
+        radius_m=0.5 * _uniform(rng, ranges.diameter_m),
         electrode_m=ranges.electrode_m,
         rings_m=tuple((first + k * step, first + k * step + ranges.ring_m) for k in range(3)),
-        barium_sulphate=_of(rng, ranges.barium_sulphate),
-        wall=_of(rng, ranges.wall),
-        braid=_of(rng, ranges.braid),
-        core=_of(rng, ranges.core),
-        uneven=_of(rng, ranges.uneven),
+        barium_sulphate=_uniform(rng, ranges.barium_sulphate),
+        wall=_uniform(rng, ranges.wall),
+        braid=_uniform(rng, ranges.braid),
+        core=_uniform(rng, ranges.core),
+        uneven=_uniform(rng, ranges.uneven),
     )
 
 
 def _anatomy(ranges: XrayRanges, rng: np.random.Generator) -> Anatomy:
     return Anatomy(
-        spine_m=(_of(rng, ranges.spine_x_m), _of(rng, ranges.spine_y_m)),
-        bone=_of(rng, ranges.bone),
-        lung=_of(rng, ranges.lung),
-        dome_m=_of(rng, ranges.dome_m),
-        heart_size=_of(rng, ranges.heart_size),
+        spine_m=(_uniform(rng, ranges.spine_x_m), _uniform(rng, ranges.spine_y_m)),
+        bone=_uniform(rng, ranges.bone),
+        lung=_uniform(rng, ranges.lung),
+        dome_m=_uniform(rng, ranges.dome_m),
+        heart_size=_uniform(rng, ranges.heart_size),
         sternal_wires=int(rng.integers(4, 8)) if rng.random() < ranges.sternal_wires else 0,
         leads=int(rng.integers(ranges.leads[0], ranges.leads[1] + 1)),
     )
 
 
 def _instruments(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Instrument, ...]:
-    """Draws the other instruments in the heart, and with some odds a probe behind it."""
+    """Draws the other instruments in the heart, and in a share of the sessions an ultrasound probe behind it.
+
+    Args:
+        ranges: ``devices`` limits the number of instruments, ``sway_m`` their movement with the heart; ``probe`` is the
+            probability of the probe.
+        rng: random numbers.
+
+    Returns:
+        The instruments, the probe last.
+    """
     found: list[Instrument] = []
-    for _ in range(int(rng.integers(ranges.devices[0], ranges.devices[1] + 1))):
-        kind = str(rng.choice(["wire", "sinus", "ventricle", "lead"], p=[0.3, 0.3, 0.25, 0.15]))
-        knots, radius = _route(kind, rng)
-        name = {"wire": "wire", "lead": "lead"}.get(kind, "diagnostic")
-        stiff = 2.5 if kind == "wire" else 5.0
-        found.append(_instrument(name, radius, knots, rng, _of(rng, ranges.sway_m), stiff))
+    fewest, most = ranges.devices
+    for _ in range(int(rng.integers(fewest, most + 1))):
+        route = str(rng.choice(list(_ROUTE_SHARES), p=list(_ROUTE_SHARES.values())))
+        knots_mm, radius_m = _route(route, rng)
+        spread_mm = _WIRE_SPREAD_MM if route == "wire" else _OTHER_SPREAD_MM
+        sway_m = _uniform(rng, ranges.sway_m)
+        found.append(_instrument(_KINDS[route], radius_m, knots_mm, rng, sway_m, spread_mm))
     if rng.random() < ranges.probe:
-        knots = np.array([(-8, 48, 110), (-6, 46, 60), (-4, 44, 20), (0, 42, -8)], np.float64)
-        found.append(_instrument("probe", rng.uniform(4.5e-3, 6e-3), knots, rng, 0.5e-3, 3.0))
+        radius_m, knots_mm = _uniform(rng, _PROBE_RADIUS_M), np.array(_PROBE_KNOTS_MM, np.float64)
+        found.append(_instrument("probe", radius_m, knots_mm, rng, _PROBE_SWAY_M, _PROBE_SPREAD_MM))
     return tuple(found)
 
 
-def _route(kind: str, rng: np.random.Generator) -> tuple[FloatArray, float]:
-    """Knots in millimetres, and the radius; the venae cavae are at the patient's right, the sinus at the back left."""
-    if kind == "wire":
+def _route(route: str, rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """Returns the usual axis and the radius of an instrument.
+
+    The venae cavae are at the patient's right, the coronary sinus is at the back left.
+
+    Args:
+        route: key of `_ROUTE_SHARES`.
+        rng: random numbers of the radius and of the side of a wire.
+
+    Returns:
+        (k, 3) points of the axis in the patient's frame in mm, from its entry to its end; the radius in m.
+    """
+    if route == "wire":
         side = rng.choice([-1.0, 1.0])
         rows: Rows = [(-25, 25, -130), (-22, 20, -60), (-15, 10, -10), (5, 0, 25), (25, -5, 45), (32 * side, -8, 62)]
         rows += [(26 * side, -10, 72), (18 * side, -8, 66)]  # the J of its end
         return np.array(rows), 0.44e-3
-    if kind == "sinus":
+    if route == "sinus":
         rows = [(-26, 22, -130), (-22, 20, -60), (-18, 18, -28), (-2, 24, -16), (20, 28, -8), (36, 26, 6), (44, 18, 22)]
         return np.array(rows), rng.uniform(0.85e-3, 1.05e-3)
-    if kind == "ventricle":
+    if route == "ventricle":
         rows = [(-28, 18, -130), (-24, 14, -60), (-16, 4, -18), (2, -14, -16), (22, -24, -28), (34, -28, -36)]
         return np.array(rows), rng.uniform(0.8e-3, 1.0e-3)
     rows = [(-14, 10, 130), (-18, 8, 70), (-20, 6, 25), (-8, -8, -12), (14, -22, -30), (30, -30, -42)]
@@ -351,6 +383,16 @@ def _route(kind: str, rng: np.random.Generator) -> tuple[FloatArray, float]:
 def _instrument(
     kind: str, radius_m: float, knots_mm: FloatArray, rng: np.random.Generator, sway_m: float, spread_mm: float
 ) -> Instrument:
+    """Draws one instrument about its usual place.
+
+    Args:
+        kind: kind of instrument, see `Instrument`.
+        radius_m: radius.
+        knots_mm: (k, 3) points of the usual axis in the patient's frame.
+        rng: random numbers.
+        sway_m: displacement of its end with the heart; the direction is drawn.
+        spread_mm: standard deviation of each point about its usual place; the whole axis is shifted by twice that.
+    """
     moved = 1e-3 * (knots_mm + rng.normal(0, spread_mm, knots_mm.shape) + rng.normal(0, 2 * spread_mm, 3))
     way = rng.normal(size=3)
     way *= sway_m / float(np.linalg.norm(way))
