@@ -6,7 +6,9 @@ Its strips come from the compositor (half) and from the presets' renderers at th
 line with errors like those of the locator, along another line, or (half of them) along a line that the shipped locator
 finds in the image with random prompts: so the network judges the lines that it will read, right and wrong ones.
 DIR/line.pt holds weights and optimiser every 250 steps; ``--resume`` continues. DIR/refine.onnx goes to
-src/tipforce/vision/locator. ``--begin`` starts from the weights of such a file, with a smaller ``--rate``.
+src/tipforce/vision/locator. ``--begin`` starts from the weights of such a file, with a smaller ``--rate``; refine.onnx
+then has the mean of the first and the trained weights, which is surer in images unlike those of the training (Wortsman
+et al., Robust fine-tuning of zero-shot models, CVPR 2022).
 """
 
 import argparse
@@ -225,6 +227,8 @@ def main() -> None:
             torch.save(state, partial)
             partial.replace(path)
             export(network, options.out / "refine.onnx")
+            if options.begin is not None:
+                average(options.begin, options.out / "refine.onnx")
 
 
 def export(network: LineNetwork, path: Path) -> None:
@@ -239,6 +243,18 @@ def export(network: LineNetwork, path: Path) -> None:
     store_in_half_precision(onnx, model)
     onnx.save(model, str(path))
     network.train()
+
+
+def average(begin: Path, trained: Path) -> None:
+    """Writes into the graph ``trained`` the mean of its weights and those of the graph ``begin``."""
+    first = {each.name: onnx.numpy_helper.to_array(each) for each in onnx.load(begin).graph.initializer}
+    model = onnx.load(trained)
+    for each in model.graph.initializer:
+        own = onnx.numpy_helper.to_array(each)
+        if own.dtype.kind == "f":
+            mean = 0.5 * (own.astype(np.float64) + first[each.name])
+            each.CopyFrom(onnx.numpy_helper.from_array(mean.astype(own.dtype), each.name))
+    onnx.save(model, str(trained))
 
 
 if __name__ == "__main__":

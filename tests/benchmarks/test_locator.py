@@ -9,9 +9,10 @@ torch = pytest.importorskip("torch")
 
 from bench.locator import scene  # noqa: E402
 from bench.locator.curves import curve  # noqa: E402
+from bench.locator.line import average, found_lines  # noqa: E402
 from bench.locator.tubes import Drawer  # noqa: E402
 
-from tipforce.geometry import resampled  # noqa: E402
+from tipforce.geometry import arc_length, resampled  # noqa: E402
 from tipforce.training.locator import (  # noqa: E402
     CATHETER,
     CELLS,
@@ -21,9 +22,12 @@ from tipforce.training.locator import (  # noqa: E402
     SEEN,
     WINDOW_FIELDS,
     WINDOW_PX,
+    FoundLine,
     Scene,
     StripSource,
+    graph_with_line_weights,
     line_loss,
+    line_network_from_graph,
     strip_target,
     window,
     window_shapes,
@@ -212,3 +216,45 @@ def test_a_strip_without_its_catheter_is_wrong(scenes):
     rng = np.random.default_rng(5)
     drawn = [strip_target(empty, rng) for _ in range(12)]
     assert all(each.right < 0.5 and not each.asked.any() and not each.seen.any() for each in drawn)
+
+
+def test_lines_that_the_locator_found_are_judged_by_the_true_line(scenes, monkeypatch):
+    """Right where they are on the catheter from end to end, also of a catheter that enters at the border."""
+    one = next(scene for scene in scenes if scene.present and (scene.state == SEEN).all())
+    monkeypatch.setattr(strips, "FOUND_SHARE", 1.0)
+    rng = np.random.default_rng(6)
+
+    def judged(line, true=one.line):
+        found = (FoundLine(line, one.diameter_px),)
+        drawn = strip_target(StripSource(one.image, true, one.state, one.diameter_px, found=found), rng)
+        return float(drawn.right), drawn.ends
+
+    right, ends = judged(one.line)
+    assert right == 1.0
+    assert min(ends) > 0.0
+    assert judged(one.line[::-1])[0] == 0.0
+    assert judged(one.line[: len(one.line) // 2])[0] == 0.0
+    entering = np.column_stack([np.linspace(-30.0, 150.0, len(one.line)), np.full(len(one.line), 100.0)])
+    right, ends = judged(entering[entering[:, 0] >= 0.0], entering)
+    assert right == 1.0
+    assert ends[0] == -1.0
+    assert ends[1] > 0.0
+
+
+def test_the_locator_finds_lines_in_a_scene_with_random_prompts(scenes):
+    one = next(scene for scene in scenes if scene.present and (scene.state == SEEN).all())
+    found = found_lines(one.image, float(arc_length(one.line)[-1]), np.random.default_rng(7))
+    assert 2 <= len(found) <= 4
+    nearest = min(float(np.linalg.norm(line.points[[0, -1]] - one.line[[0, -1]], axis=1).max()) for line in found)
+    assert nearest < 2.0 * one.diameter_px
+
+
+def test_a_further_training_keeps_half_of_the_first_weights(tmp_path):
+    begin = ROOT / "src/tipforce/vision/locator/refine.onnx"
+    network = line_network_from_graph(begin)
+    with torch.no_grad():
+        network.head.weight += 1.0
+    (tmp_path / "trained.onnx").write_bytes(graph_with_line_weights(begin.read_bytes(), network))
+    average(begin, tmp_path / "trained.onnx")
+    mean = line_network_from_graph(tmp_path / "trained.onnx")
+    assert torch.allclose(mean.head.weight, network.head.weight - 0.5, atol=2e-3)

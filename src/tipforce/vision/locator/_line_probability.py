@@ -39,12 +39,12 @@ MAX_ENDS_APART = 0.2
 MAX_SCORE = 3.0
 """A feature further from the mean, in standard deviations, says no more."""
 # BEGIN: printed by python -m bench.locator.probability
-MEANS = np.array([4.2, -0.366, 5.74, -3.65, -0.151, 0.124, 0.147, 0.0358])
-SPREADS = np.array([2.05, 0.307, 0.963, 0.594, 0.154, 0.8, 0.176, 0.0362])
+MEANS = np.array([3.02, -0.375, 5.69, -3.61, -0.163, 0.098, 0.148, 0.0365])
+SPREADS = np.array([2.14, 0.305, 1.02, 0.633, 0.165, 0.81, 0.176, 0.0367])
 WEIGHTS = np.array([
-    1.59, 0.477, 0.908, 0.37, -0.84, 0.245, -0.228, -0.348, -0.59,
+    1.53, 0.935, 0.919, 0.459, -0.81, 0.187, -0.22, -0.364, -0.456,
 ])  # fmt: skip
-XRAY_LOG_ODDS, MARKED_LOG_ODDS = -1.14, 0.458
+XRAY_LOG_ODDS, MARKED_LOG_ODDS = -1.1, 0.602
 # END
 """Weights of a logistic regression on the features, standardised, the constant first, and the logits by which lines are
 right more often in X-ray images, and where a user has marked the base: simulated sessions and composed scenes that were
