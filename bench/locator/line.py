@@ -2,9 +2,9 @@
 
     python -m bench.locator.line -o DIR [--steps N] [--seed S] [--resume] [--begin refine.onnx --rate R]
 
-Its strips come from the compositor (half) and from the presets' renderers at their own resolution, along the true
-line with errors like those of the locator, along another line, or (half of them) along a line that the shipped locator
-finds in the image with random prompts: so the network judges the lines that it will read, right and wrong ones.
+Its strips come from the compositor (four in ten) and from the presets' renderers at their own resolution. Half of them
+are along the true line with errors like those of the locator, or along another line. The others are along a line that
+the shipped locator finds with random prompts: so the network judges the lines that it will read, right and wrong ones.
 DIR/line.pt holds weights and optimiser every 250 steps; ``--resume`` continues. DIR/refine.onnx goes to
 src/tipforce/vision/locator. ``--begin`` starts from the weights of such a file, with a smaller ``--rate``; refine.onnx
 then has the mean of the first and the trained weights, which is surer in images unlike those of the training (Wortsman
@@ -48,7 +48,11 @@ from tipforce.vision.locator import ACROSS, ALONG, Prompts, locate, read_points
 PRESENT_SHARE = 0.5
 """Share of the scenes with a catheter that are used: one in seven is without, then."""
 FOUND_POINTS = 160
-ANY_LENGTH_SHARE = 0.3
+"""Number of points of a line that the locator finds."""
+ANYWHERE_LINES = 2
+"""Number of lines of an image that begin at any point."""
+LENGTH_ERROR, ANY_LENGTH_ERROR, ANY_LENGTH_SHARE = 0.1, 0.5, 0.3
+"""Standard deviation of the logarithm of a stated length, and the larger one of this share of the lines."""
 SCENE_SHARE = 0.4
 """Share of the strips from the compositor."""
 RATE, BATCH, STEPS, WORKERS = 2e-3, 32, 9500, 2
@@ -69,15 +73,15 @@ def found_lines(image: npt.NDArray[np.uint8], length_px: float, rng: np.random.G
     seen = Prompts(length_px=_unsure(length_px, rng))
     rough = read_points(image, seen)
     tried = [replace(seen, base_px=rough.points[0]), replace(seen, near_px=rough.points[1])]
-    elsewhere = rough.other_base, rng.uniform((0.0, 0.0), (columns - 1.0, rows - 1.0))
-    tried += [Prompts(base_px=base, length_px=_unsure(length_px, rng)) for base in elsewhere]
+    anywhere = rng.uniform((0.0, 0.0), (columns - 1.0, rows - 1.0), (ANYWHERE_LINES, 2))
+    tried += [Prompts(base_px=base, length_px=_unsure(length_px, rng)) for base in anywhere]
     lines = (locate(image, prompts, FOUND_POINTS) for prompts in tried)
     return tuple(FoundLine(line.points, line.diameter_px) for line in lines if line is not None)
 
 
 def _unsure(length_px: float, rng: np.random.Generator) -> float:
-    """Returns a length that is wrong by a tenth, or by any factor in one of three images."""
-    spread = 0.5 if rng.random() < ANY_LENGTH_SHARE else 0.1
+    """Returns ``length_px`` with an error."""
+    spread = ANY_LENGTH_ERROR if rng.random() < ANY_LENGTH_SHARE else LENGTH_ERROR
     return length_px * math.exp(rng.normal(0.0, spread))
 
 

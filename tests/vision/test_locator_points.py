@@ -5,7 +5,7 @@ import pytest
 
 from tipforce.types import FloatArray
 from tipforce.vision.locator import Prompts
-from tipforce.vision.locator._peaks import STRIDE, course, highest_peak, shares_of
+from tipforce.vision.locator._peaks import STRIDE, course, peak_at, shares_of
 
 POINTS, ROWS, COLUMNS = 16, 40, 120
 
@@ -38,7 +38,7 @@ def test_the_points_are_on_the_object_that_is_surer_along_its_whole_length():
 def test_a_peak_between_cells_is_found_between_them():
     shares = np.zeros((ROWS, COLUMNS))
     shares[7, 30] = shares[7, 31] = 0.4
-    point, mass = highest_peak(shares)
+    point, mass = peak_at(shares, 7, 30)
     assert point == pytest.approx([31.0 * STRIDE - 0.5, 7.5 * STRIDE - 0.5])
     assert mass == pytest.approx(0.8)
 

@@ -185,8 +185,8 @@ class WallObserver:
             sigmas: number of standard deviations by which the force may be larger than predicted.
 
         Returns:
-            The largest excess of depth in the wall over the depth with that force, mm; 0 if there is none, or before
-            the first estimate.
+            Depth in mm by which the tip is deeper than the depth at which the force is ``force_n``: the largest value.
+            It is 0 where the tip is less deep, and before the first estimate.
         """
         if self.time_s is None:
             return 0.0

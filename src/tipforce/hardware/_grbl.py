@@ -148,7 +148,7 @@ class GrblStage(Driver):
         self._work_offset: list[float] = []
         """Machine position minus work position of each axis of the controller, in its units: GRBL's WCO."""
         self._unanswered_jog: str | None = None
-        """Jog that waits for its response; None if there is none."""
+        """The jog that was sent and that the controller has not answered yet; None if all are answered."""
         self._jog_sent_s = 0.0
         """Time at which that jog was sent. This and the next two are on `time.monotonic`."""
         self._status_requested_s = 0.0

@@ -196,7 +196,7 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
     prompts = replace(stated_prompts(stated, stated_size_px(info, stated.view)), region=None, border=None)
     open_size = replace(prompts, length_px=None, diameter_px=None)
     tried = [open_size] if prompts.length_px is None else [prompts, open_size]
-    objects = [o for each in tried for o in object_prompts(frames, each, MAX_CANDIDATES, MIN_VOTE_SHARE, network)]
+    objects = [one for each in tried for one in object_prompts(frames, each, MAX_CANDIDATES, MIN_VOTE_SHARE, network)]
     found = [_candidate(each, frames, network, log_odds) for each in objects]
     limit = MIN_APART_SHARE * max(frames[0].shape[:2])
     distinct: list[Candidate] = []

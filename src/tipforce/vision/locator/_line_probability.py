@@ -52,7 +52,8 @@ not used in training, docs/results/locator.md."""
 
 UNMARKED_XRAY_LOG_ODDS = -0.8
 """Logit that is added in X-ray images where no base is marked: a line along another instrument has the features of a
-right one. Chosen on 74 sessions of `fluoro` and `biplane`, of which 9 show another instrument in most frames."""
+right one. Chosen with an earlier line network on 74 sessions of `fluoro` and `biplane`, of which 9 show another
+instrument in most frames."""
 
 PRIOR_STD = 1.5
 """Standard deviation of ``log_odds`` before a line of the fine-tuned detector is judged."""

@@ -149,8 +149,7 @@ def _read_at(image: npt.NDArray[np.uint8], prompts: Prompts, scale: float, netwo
     size = max(1, round(scale * (u1 - u0))), max(1, round(scale * (v1 - v0)))
     small = np.asarray(cv2.resize(image[v0:v1, u0:u1], size, interpolation=way), np.uint8)
     read = rough_points(small, prompts.inside(window, rows, columns).at_scale(scale), network)
-    points, other = ((each + 0.5) / scale - 0.5 + (u0, v0) for each in (read.points, read.other_base))
-    return read._replace(points=points, other_base=other)
+    return read._replace(points=(read.points + 0.5) / scale - 0.5 + (u0, v0))
 
 
 def rough_line(read: RoughPoints) -> FloatArray:

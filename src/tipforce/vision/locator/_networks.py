@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.special import expit, softmax
 
 from ...types import Box, FloatArray
-from ._peaks import STRIDE, course, highest_peak, shares_of
+from ._peaks import STRIDE, course, shares_of
 from ._prompts import CHANNELS, SIZES, Prompts, channels
 from ._strip import Strip, strip_input
 
@@ -19,8 +19,6 @@ POINTS = 16
 """Number of points that the first network returns, evenly from base to tip."""
 OUTSIDE = 0
 """State of a point outside the image; the others are hidden and seen."""
-OTHER_BASE_CELLS = 4
-"""Another base is at least this number of cells away."""
 _MULTIPLE_PX = 32
 """The sides of the network's image are multiples of this."""
 DETECTOR_GRAPHS = ("detector.onnx", "line.onnx")
@@ -39,8 +37,6 @@ class RoughPoints(NamedTuple):
         mass: (`POINTS`,) probability that the point is within a cell of its peak.
         states: (`POINTS`, 3) probabilities of outside the image, hidden and seen.
         present: probability that a catheter is in the image.
-        other_base: (2,) u, v of the second most probable base in px of the network's image.
-        other_mass: its probability.
         in_region: probability that the base is in the stated region, by the image; 1 where none is stated.
     """
 
@@ -48,8 +44,6 @@ class RoughPoints(NamedTuple):
     mass: FloatArray
     states: FloatArray
     present: float
-    other_base: FloatArray
-    other_mass: float
     in_region: float
 
 
@@ -115,13 +109,8 @@ def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path |
         shares[0] *= _cells_in(prompts.region, *shares[0].shape)
         in_region = float(shares[0].sum()) / all_of_it
     points, mass = course(shares)
-    base = shares[0].copy()
-    column, row = np.rint((points[0] + 0.5) / STRIDE - 0.5).astype(int)
-    reach = OTHER_BASE_CELLS
-    base[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1] = 0.0
-    other, other_mass = highest_peak(base)
     likely = softmax(states[0].astype(np.float64), axis=1)
-    return RoughPoints(points, mass, likely, float(expit(float(present[0]))), other, other_mass, in_region)
+    return RoughPoints(points, mass, likely, float(expit(float(present[0]))), in_region)
 
 
 def _cells_in(region: Box, rows: int, columns: int) -> npt.NDArray[np.bool_]:

@@ -47,12 +47,6 @@ def peak_at(shares: FloatArray, row: int, column: int) -> tuple[FloatArray, floa
     return (np.array([near.sum(axis=0) @ columns, near.sum(axis=1) @ rows]) / inside + 0.5) * STRIDE - 0.5, mass
 
 
-def highest_peak(shares: FloatArray) -> tuple[FloatArray, float]:
-    """Returns the point (2,) of the highest peak of ``shares`` (h, w) in px of the network's image, and its mass."""
-    row, column = divmod(int(shares.argmax()), shares.shape[1])
-    return peak_at(shares, row, column)
-
-
 def course(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns the points (k, 2) of one course in px of the network's image, and their masses (k,).
 

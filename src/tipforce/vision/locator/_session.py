@@ -26,9 +26,9 @@ from ._reading import Known
 
 POINTS = 64
 MAX_FIRST_FRAMES = 4
-"""Number of images in which objects are looked for: each takes up to a quarter of a second."""
+"""Number of images in which objects are looked for: each takes the networks up to ten readings."""
 MAX_OUTSIDE = 0.3
-"""A base that is more probably outside the image is no prompt."""
+"""Where the base is more probably outside the image the object is read again without a prompt for its base, too."""
 SURE_PROBABILITY = 0.8
 """An image whose line at the stated size is more probable is not read at other sizes."""
 MAX_OBJECTS = 2
@@ -177,7 +177,8 @@ def _first_lines(
     """Returns the lines in some of the images, from each object that the first network sees at one of several sizes.
 
     The points at one size alone are no answer: where a catheter is small its mouth is not visible, and the tube that it
-    comes out of looks like a catheter. So each object is read again, in a window around its base, at its own size.
+    comes out of looks like a catheter. So each object is read again, in a window around its base, at its own size. The
+    peak of a base that is called outside the image may be the mouth of the tube: both readings are made.
     """
 
     def again(frame: Image, read: RoughPoints) -> list[Located | None]:
