@@ -32,12 +32,7 @@ Known = Annotated[BoolArray, PlainValidator(_as_known), PlainSerializer(lambda k
 
 
 def stored_array(
-    arrays: StoredArrays,
-    name: str,
-    shape: tuple[int | None, ...],
-    *,
-    low: float = -LARGEST,
-    high: float = LARGEST,
+    arrays: StoredArrays, name: str, shape: tuple[int | None, ...], *, low: float = -LARGEST, high: float = LARGEST
 ) -> FloatArray:
     """Returns an array of a stored model after checks.
 

@@ -46,12 +46,7 @@ class AbstentionLimits:
 
 
 def fit_abstention_limits(
-    held_out: Outputs,
-    sigma_n: FloatArray,
-    abstained: float,
-    *,
-    heatmap_trained: bool,
-    ood_trained: bool,
+    held_out: Outputs, sigma_n: FloatArray, abstained: float, *, heatmap_trained: bool, ood_trained: bool
 ) -> AbstentionLimits:
     """Sets the limits beyond which the network abstains.
 
@@ -128,9 +123,7 @@ class CompactEstimateBuilder:
         """
         if self.limits.min_heatmap_px > 0.0 and (pixels := heatmap_pixels(outputs)[0]) < self.limits.min_heatmap_px:
             return ForceEstimate.invalid(
-                stamp_ns,
-                Status.NO_CATHETER,
-                f"the heatmap shows no catheter in the window ({pixels:.1f} pixels)",
+                stamp_ns, Status.NO_CATHETER, f"the heatmap shows no catheter in the window ({pixels:.1f} pixels)"
             )
         if outputs["in_distribution_logit"][0] < self.limits.min_in_distribution_logit:
             return ForceEstimate.invalid(

@@ -167,12 +167,7 @@ class NetworkEstimator(FineTunable):
         return self.fit_resumable(dataset, progress)
 
     def fit_resumable(
-        self,
-        dataset: Dataset,
-        progress: Progress | None = None,
-        *,
-        folder: Path | None = None,
-        resume: bool = False,
+        self, dataset: Dataset, progress: Progress | None = None, *, folder: Path | None = None, resume: bool = False
     ) -> Self:
         """Returns the method, fitted as by `fit`; a training that was killed can be resumed.
 

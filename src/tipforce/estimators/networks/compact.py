@@ -18,16 +18,7 @@ import numpy.typing as npt
 from ...datasets import Dataset
 from ...errors import InputError
 from ...training import COMPACT_OUTPUTS, COMPACT_UNIT_N, HEATMAP_UNKNOWN, TISSUE_OUTPUTS, CompactTask
-from ...types import (
-    KNOB,
-    BoolArray,
-    FloatArray,
-    ForceEstimate,
-    Image,
-    Observation,
-    SessionInfo,
-    Status,
-)
+from ...types import KNOB, BoolArray, FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
 from ...vision import VisionSettings, auto_calibrate
 from .._reading import Abstention, read_actuation, read_advance_m, read_image
 from .._recent_share import RecentShare
@@ -332,8 +323,7 @@ class Compact(NetworkEstimator):
         # the uncertainty of the initial model still holds if its distribution contains the new images
         still_holds = initial is not None and len(ood.distributions) > 1
         laplace = fit_laplace(
-            training["features"],
-            LastLayerLaplace.of(initial.arrays) if initial is not None and still_holds else None,
+            training["features"], LastLayerLaplace.of(initial.arrays) if initial is not None and still_holds else None
         )
         sigma = component_sigma(held_out, laplace, COMPACT_UNIT_N)
         forces = held_out["force_n"].astype(np.float64)

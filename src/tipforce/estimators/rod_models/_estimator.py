@@ -19,10 +19,7 @@ from scipy.optimize import least_squares
 
 from ...datasets import Dataset, calibration_images
 from ...errors import InputError
-from ...mechanics import (
-    PlanarRod,
-    RodModel,
-)
+from ...mechanics import PlanarRod, RodModel
 from ...types import Catheter, FloatArray, ForceEstimate, Image, Observation, SessionInfo, Status
 from ...vision import ResolvedVision, SessionDetector, VisionSettings
 from .._base import PlanarRodEstimator, Progress, Stream, no_progress
@@ -48,8 +45,7 @@ _STATED_WITHIN, _TYPICAL_WITHIN = 2.0, 10.0
 """Factors within which a stated stiffness is right, and the typical one where none is stated."""
 MAX_OFFSET_PER_M = 20.0
 _GAUSSIAN = gaussian_interval(
-    _KNOWN,
-    "stated uncertainties of detection and pre-curvature, as normal distributions; never compared with forces",
+    _KNOWN, "stated uncertainties of detection and pre-curvature, as normal distributions; never compared with forces"
 )
 """In standard deviations: 90 % of a normal distribution."""
 

@@ -2,14 +2,7 @@
 
 from functools import partial
 
-from ...mechanics import (
-    ConstantCurvature,
-    LargeDeflection,
-    LinearBeam,
-    MassSpring,
-    PseudoRigidBody,
-    RigidLinks,
-)
+from ...mechanics import ConstantCurvature, LargeDeflection, LinearBeam, MassSpring, PseudoRigidBody, RigidLinks
 from ._estimator import RodModelEstimator
 
 

@@ -36,52 +36,54 @@ class Widths:
     strata: ForceStrata | None = None
 
     def values(self) -> dict[str, Any]:
-        """As JSON; inverse: `of`."""
+        """Returns them as JSON values; the inverse of `of`."""
         strata = None if self.strata is None else self.strata.values()
         return {"fx": self.fx, "fy": self.fy, "magnitude": self.magnitude, "basis": self.basis, "strata": strata}
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:
-        """Raises KeyError or ValueError where they are no such factors."""
+        """Makes the factors from the JSON values of a stored model.
+
+        Raises:
+            KeyError: a factor is missing.
+            ValueError: a factor is not positive and finite.
+        """
         factors = [float(values[name]) for name in ("fx", "fy", "magnitude")]
-        if not all(math.isfinite(each) and each > 0 for each in factors):
+        if not all(math.isfinite(factor) and factor > 0 for factor in factors):
             raise ValueError(f"factors of intervals must be positive, got {factors}")
         strata = None if values.get("strata") is None else ForceStrata.of(values["strata"])
         return cls(factors[0], factors[1], factors[2], str(values["basis"]), strata)
 
     def estimate(self, stamp_ns: int, mixed: Mixed, shape: DetectedShape | None) -> ForceEstimate:
-        """The valid estimate of ``mixed``; invalid where it is implausible.
+        """Returns the valid estimate of a planar force; an invalid one where the force is implausibly large.
 
-        The 90 % intervals are the quantiles of the mixture, their distances from the force times the factors; the
-        covariance is multiplied with the same factors.
+        The ends of the posterior's 90 % intervals move away from the force by the factors; the covariance grows with
+        them. z is not known.
+
+        Args:
+            stamp_ns: stamp of the frame.
+            mixed: the posterior of the force.
+            shape: the detected shape.
         """
         force = mixed.force_n
-        size = float(math.hypot(force[0], force[1]))
-        if not size <= MAX_FORCE_N:
-            return implausible(stamp_ns, size, shape)
+        size_n = float(math.hypot(force[0], force[1]))
+        if not size_n <= MAX_FORCE_N:
+            return implausible(stamp_ns, size_n, shape)
         factors = np.array([self.fx, self.fy])
-        force_n, whole, interval = np.full(3, np.nan), np.full((3, 3), np.nan), np.full((3, 2), np.nan)
+        force_n, covariance_n2, interval_n = np.full(3, np.nan), np.full((3, 3), np.nan), np.full((3, 2), np.nan)
         force_n[:2] = force
-        whole[:2, :2] = (mixed.covariance_n2 + LEAST_STD_N**2 * np.eye(2)) * np.outer(factors, factors)
-        least = GAUSS_90 * LEAST_STD_N
-        interval[:2, 0] = force - factors * np.maximum(force - mixed.low_n[:2], least)
-        interval[:2, 1] = force + factors * np.maximum(mixed.high_n[:2] - force, least)
-        below, above = max(size - float(mixed.low_n[2]), least), max(float(mixed.high_n[2]) - size, least)
-        ends = max(0.0, size - self.magnitude * below), size + self.magnitude * above
+        covariance_n2[:2, :2] = (mixed.covariance_n2 + LEAST_STD_N**2 * np.eye(2)) * np.outer(factors, factors)
+        least_n = GAUSS_90 * LEAST_STD_N
+        interval_n[:2, 0] = force - factors * np.maximum(force - mixed.low_n[:2], least_n)
+        interval_n[:2, 1] = force + factors * np.maximum(mixed.high_n[:2] - force, least_n)
+        below, above = max(size_n - float(mixed.low_n[2]), least_n), max(float(mixed.high_n[2]) - size_n, least_n)
+        ends = max(0.0, size_n - self.magnitude * below), size_n + self.magnitude * above
         if self.strata is not None:
-            ends = self.strata.interval(size, _unit_n(below + above))
+            ends = self.strata.interval(size_n, _unit_n(below + above))
         return ForceEstimate(
-            stamp_ns=stamp_ns,
-            force_n=force_n,
-            known=_KNOWN,
-            covariance_n2=whole,
-            interval_n=interval,
-            magnitude_n=size,
-            magnitude_interval_n=np.array(ends),
-            status=Status.VALID,
-            contact=mixed.contact,
-            shape=shape,
-        )
+            stamp_ns, force_n, _KNOWN, covariance_n2=covariance_n2, interval_n=interval_n, magnitude_n=size_n,
+            magnitude_interval_n=np.array(ends), status=Status.VALID, contact=mixed.contact, shape=shape,
+        )  # fmt: skip
 
 
 def _unit_n(width_n: _Width) -> _Width:
@@ -109,15 +111,20 @@ def without_widths(method: Any, dataset: Dataset, progress: Callable[[float], No
         dataset: the samples.
         progress: called with the finished share.
     """
-    every = method.with_settings(method.settings.model_copy(update={"max_error_n": None}))
-    every.fitted_ = replace(method.fitted_, widths=type(method.fitted_.widths)())
-    return every.predict(dataset, progress)
+    unlimited = method.with_settings(method.settings.model_copy(update={"max_error_n": None}))
+    unlimited.fitted_ = replace(method.fitted_, widths=type(method.fitted_.widths)())
+    return unlimited.predict(dataset, progress)
 
 
 def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Widths:
-    """The factors that hold 90 % of the errors of ``found``, the estimates of all samples of ``dataset``.
+    """Returns the factors with which the intervals contain 90 % of the true forces (conformal prediction).
 
-    Raises InputError where no sample has an estimate.
+    Args:
+        found: the estimates of all samples, with factors 1.
+        dataset: the samples, of sessions that trained nothing.
+
+    Raises:
+        InputError: no sample has an estimate.
     """
     valid: BoolArray = np.array([each.valid for each in found], np.bool_)
     if not valid.any():
@@ -133,10 +140,11 @@ def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Width
             interval = np.array([each.interval_n[axis] for each in estimates])
             factors[axis] = conformal_half_width(errors_over_reach(force, interval, truth[:, axis]), session, basis)
     if known[:2].any():
-        force = np.array([each.magnitude_n for each in estimates])
+        magnitude = np.array([each.magnitude_n for each in estimates])
         interval = np.array([each.magnitude_interval_n for each in estimates])
-        size = np.linalg.norm(np.where(known, truth, 0.0), axis=1)
-        factors[2] = conformal_half_width(errors_over_reach(force, interval, size), session, basis)
-        strata = fit_strata(force, size, session, _unit_n(interval[:, 1] - interval[:, 0]))
-    finite = [each if math.isfinite(each) else 1.0 for each in factors]
+        true_magnitude = np.linalg.norm(np.where(known, truth, 0.0), axis=1)
+        factors[2] = conformal_half_width(errors_over_reach(magnitude, interval, true_magnitude), session, basis)
+        strata = fit_strata(magnitude, true_magnitude, session, _unit_n(interval[:, 1] - interval[:, 0]))
+    # infinite: too few sessions for 90 %; the posterior's own intervals stay
+    finite = [factor if math.isfinite(factor) else 1.0 for factor in factors]
     return Widths(finite[0], finite[1], finite[2], basis.text, strata)

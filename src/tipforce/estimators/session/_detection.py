@@ -59,6 +59,7 @@ class Detection:
             return found
         key = (found.size_px, found.base_side, found.scale_m_per_px)
         if self._frame is None or self._frame.key != key:
+            # the first line sets the origin for the session: its base, where the clamp was before it advanced
             inward_px = found.advance_m / found.scale_m_per_px * np.array(INWARD[found.base_side])
             self._frame = LineFrame(*key, origin_px=found.centreline.points[0] - inward_px)
         return Detected(found.shape, self._frame, found.advance_m)

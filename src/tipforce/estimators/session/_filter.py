@@ -56,6 +56,7 @@ class SessionFilter(LinePosterior):
         self._start()
 
     def _start(self) -> None:
+        """Forgets the frames before; the infinite wait lets the next clear frame teach the constants."""
         self._last_n: FloatArray | None = None
         self._share, self._crept_per_m = self._knowledge.contact_share, np.zeros(self._model.segments + 1)
         self._waited_s, self._lost_s, self._advance_m = math.inf, 0.0, 0.0
@@ -70,7 +71,10 @@ class SessionFilter(LinePosterior):
         stated: StatedErrors | None = None,
         reading: ContactReading | None = None,
     ) -> Posterior:
-        """Returns the force from ``line``.
+        """Returns the force from the next line of the session, and learns from it.
+
+        In this order: predict constants and probability of contact to this time; fit the line; then learn the level of
+        the noise, the visibility of the tissue and, from some clear frames, the constants and the tissue's law.
 
         Args:
             line: the line.
@@ -100,7 +104,7 @@ class SessionFilter(LinePosterior):
         state.predict(settings, elapsed_s, knob_deg, advance_m - self._advance_m)
         self._advance_m = advance_m
         change = 1.0 - math.exp(-elapsed_s / settings.contact_s)
-        share = self._share * (1.0 - change) + (1.0 - self._share) * change
+        share = self._share * (1.0 - change) + (1.0 - self._share) * change  # prior probability of contact
         self._fill_noise(line, stated)
         line = line._replace(crept_per_m=self._crept_per_m)
         fits = self._fit(line, state, self._last_n)
@@ -111,22 +115,13 @@ class SessionFilter(LinePosterior):
         if math.isfinite(found.misfit):
             self._level.add(found.misfit, elapsed_s)
         if self._level.factor > _GROWN * self._begun_factor:
-            self._lost_s = math.inf
+            self._lost_s = math.inf  # the next line begins the session again
         contact = round(found.force.contact)
         clear = abs(found.force.contact - contact) < _UNCLEAR and (contact == 1 or fits.free.ok)
         if reading is not None:
             self.tissue.look(reading, elapsed_s / settings.update_s if settings.update_s else 1.0)
         if found.explained and clear and self._waited_s >= settings.update_s:
-            state.mean, state.covariance = mixed_constants(
-                fits.found,
-                self._scratch.weights,
-                float(contact),
-                fits.free_q,
-                fits.free_factor,
-                fits.c,
-                fits.s,
-                self._scratch,
-            )
+            state.mean, state.covariance = self._constants(fits, self._scratch.weights, float(contact))
             self._waited_s = 0.0
             if reading is not None and contact == 1:
                 forces = np.hypot(*self._scratch.forces[: fits.found].T)
@@ -134,6 +129,12 @@ class SessionFilter(LinePosterior):
                 self.tissue.learn_direction(found.force.agreement)
         self._fits, self.newest = fits, found
         return found
+
+    def _constants(self, fits: Hypotheses, shares: FloatArray, contact: float) -> tuple[FloatArray, FloatArray]:
+        """Returns mean and covariance of all unknowns; see `mixed_constants`."""
+        return mixed_constants(
+            fits.found, shares, contact, fits.free_q, fits.free_factor, fits.c, fits.s, self._scratch
+        )  # fmt: skip
 
     def joint(self) -> tuple[FloatArray, FloatArray]:
         """Returns mean (COUNT,) and covariance (COUNT, COUNT) of force and unknowns from the newest line, in contact.
@@ -144,19 +145,20 @@ class SessionFilter(LinePosterior):
         fits = self._fits
         if fits is None or not fits.found:
             raise ValueError("no force fits the newest line")
-        scratch = self._scratch
-        return mixed_constants(
-            fits.found, scratch.shares, 1.0, fits.free_q, fits.free_factor, fits.c, fits.s, scratch
-        )  # fmt: skip
+        return self._constants(fits, self._scratch.shares, 1.0)
 
     def _follow(self, force: Mixed, fits: Hypotheses, elapsed_s: float) -> None:
-        """Keeps the start of the next frame: force, contact, and the bend that the shaft has crept under."""
+        """Remembers for the next frame: probability of contact, force, and the bend under which the shaft creeps.
+
+        This bend is the curvature at the joints beyond the unloaded one, averaged over the time of creep.
+        """
         self._share = min(1.0 - _LEAST_SHARE, max(_LEAST_SHARE, force.contact))
         self._last_n = fits.touch_n if fits.found else force.force_n
         assert self.state is not None
         keeps = math.exp(-elapsed_s / self._over_time.creep_s)
         shape = self._shapes["touch" if force.contact > 0.5 else "free"]
         step_m = self._model.flexible_m / self._model.segments
-        bend = np.diff(shape, prepend=0.0) / step_m - self.state.unloaded_curvature_per_m()[0] - self._model.rest_per_m
+        curvature_per_m = np.diff(shape, prepend=0.0) / step_m  # the shape is the angle of each segment, rad
+        bend = curvature_per_m - self.state.unloaded_curvature_per_m()[0] - self._model.rest_per_m
         bend[[0, -1]] = bend[[1, -2]]  # these joints are half as long
         self._crept_per_m = keeps * self._crept_per_m + (1.0 - keeps) * bend

@@ -43,7 +43,7 @@ class LineError:
     rows: int = POINTS + 1
 
     def beside(self, stated: StatedErrors | None, stated_unit_px: float) -> "LineError":
-        """Returns the error of a line of which vision states more.
+        """Returns the error of a line for which vision states the standard deviation and visibility of each point.
 
         Vision's variance adds to that of the settings, with the same correlation from point to point and the same
         share that stays for the session: most of the error of the locator's lines does (docs/results/session.md).
@@ -55,17 +55,20 @@ class LineError:
         """
         if stated is None:
             return self
-        own = np.sqrt(np.diag(self.covariance_px2) + np.sum(self.modes**2, axis=1))
-        grown = np.hypot(1.0, stated_unit_px * stated.std_px / own)
-        kept = np.ix_(stated.seen, stated.seen)
-        whiten = np.zeros_like(self.whiten)
-        whiten[kept] = np.tril(np.linalg.inv(np.linalg.cholesky(self.covariance_px2[kept])))
-        covariance = grown[:, None] * self.covariance_px2 * grown
-        return LineError(covariance, whiten / grown, grown[:, None] * self.modes, stated.rows)
+        settings_std_px = np.sqrt(np.diag(self.covariance_px2) + np.sum(self.modes**2, axis=1))
+        factor = np.hypot(1.0, stated_unit_px * stated.std_px / settings_std_px)
+        seen = np.ix_(stated.seen, stated.seen)
+        whiten = np.zeros_like(self.whiten)  # zero rows leave the hidden points out
+        whiten[seen] = np.tril(np.linalg.inv(np.linalg.cholesky(self.covariance_px2[seen])))
+        covariance = factor[:, None] * self.covariance_px2 * factor
+        return LineError(covariance, whiten / factor, factor[:, None] * self.modes, stated.rows)
 
     @classmethod
     def of(cls, noise: NoiseSettings, modes: int, level: float = 1.0) -> Self:
-        """Makes the noise of a line.
+        """Makes the error of a line from the settings: noise that is new in each frame, and errors that last.
+
+        The strongest patterns of the lasting errors become ``modes``, unknowns of the session; the rest counts as
+        noise. The bare numbers are correlation lengths in px and shares, measured on simulated images: see `LineNoise`.
 
         Args:
             noise: its settings.
@@ -95,13 +98,13 @@ class LineError:
             0.14,
         ).covariance_m2(arc)
         fresh, lasting = noise.factor**2 * fresh, noise.factor**2 * lasting
-        values, vectors = np.linalg.eigh(lasting)
-        kept = (vectors * np.sqrt(values))[:, ::-1][:, :modes]
-        whole = fresh + lasting - kept @ kept.T
-        whole = 0.5 * (whole + whole.T)
-        root = np.linalg.cholesky(whole)
+        variances, vectors = np.linalg.eigh(lasting)
+        strongest = (vectors * np.sqrt(variances))[:, ::-1][:, :modes]  # eigh sorts upwards
+        covariance = fresh + lasting - strongest @ strongest.T
+        covariance = 0.5 * (covariance + covariance.T)
+        root = np.linalg.cholesky(covariance)
         whiten = np.asarray(np.tril(np.linalg.inv(root)), np.float64)
-        return cls(whole, np.ascontiguousarray(whiten), np.ascontiguousarray(kept))
+        return cls(covariance, np.ascontiguousarray(whiten), np.ascontiguousarray(strongest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +122,7 @@ class Knowledge:
 
     @classmethod
     def stated(cls, settings: RodSettings) -> Self:
-        """Returns the knowledge that the settings state."""
+        """Returns the priors that the settings state, as standard deviations in the order of `UNKNOWNS`."""
         prior = settings.prior
         mean = np.zeros(len(UNKNOWNS) - FORCE)
         mean[UNKNOWNS.index("stiffening_m2") - FORCE] = prior.stiffening_m2
@@ -133,19 +136,28 @@ class Knowledge:
         return cls(mean, np.diag(np.square(std)), prior.contact_share)
 
     def for_session(self, settings: RodSettings, info: SessionInfo, knob_deg: float) -> tuple[FloatArray, FloatArray]:
-        """Mean and covariance of the constants at a knob angle; NaN: not known."""
+        """Returns the prior of a session's constants: these priors, changed by the session's metadata and knob.
+
+        Args:
+            settings: the settings.
+            info: the session metadata.
+            knob_deg: angle of the knob, which bends the shaft; NaN: not known.
+
+        Returns:
+            Mean (constants,) and covariance (constants, constants); the first constant is the pre-curvature, 1/m.
+        """
         mean, covariance = self.constants.copy(), self.constants_covariance.copy()
-        for at, std in stated_stds(info, settings.vision.view).items():
-            if not (self.sessions and at == _STIFFNESS):  # which was learnt
-                covariance[at, at] = std**2
+        for index, std in stated_stds(info, settings.vision.view).items():
+            if not (self.sessions and index == _STIFFNESS):  # a learnt stiffness counts more than a stated one
+                covariance[index, index] = std**2
         actuation, prior = info.actuation, settings.prior
-        gain, asked = actuation.knob_gain_per_m_deg, actuation.curvature_per_m(knob_deg)
-        if gain is not None and asked is not None:
-            mean[0] += asked
-            if not self.sessions:
-                width = prior.knob_play_deg if actuation.knob_play_deg is None else actuation.knob_play_deg
-                play = gain * width / math.sqrt(12.0)
-                covariance[0, 0] += play**2 + (knob_gain_std(prior, actuation) * gain * knob_deg) ** 2
+        gain, knob_curvature_per_m = actuation.knob_gain_per_m_deg, actuation.curvature_per_m(knob_deg)
+        if gain is not None and knob_curvature_per_m is not None:
+            mean[0] += knob_curvature_per_m
+            if not self.sessions:  # learnt priors contain the errors of the knob already
+                play_deg = prior.knob_play_deg if actuation.knob_play_deg is None else actuation.knob_play_deg
+                play_std_per_m = gain * play_deg / math.sqrt(12.0)  # uniform within the play
+                covariance[0, 0] += play_std_per_m**2 + (knob_gain_std(prior, actuation) * gain * knob_deg) ** 2
         elif gain is not None or not info.catheter.rest_curvature_per_m:  # a stated shape without a knob is kept
             covariance[0] = covariance[:, 0] = 0.0
             covariance[0, 0] = prior.unknown_precurvature_per_m**2
@@ -153,7 +165,7 @@ class Knowledge:
         return mean, covariance
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """For the model folder; inverse: `of`."""
+        """Returns the arrays of the model folder, by name; the inverse of `of`."""
         return {
             "constants": self.constants,
             "constants_covariance": self.constants_covariance,
@@ -163,7 +175,12 @@ class Knowledge:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """Raises KeyError or ValueError where ``arrays`` are not those of `arrays`."""
+        """Makes the priors from the arrays of a model folder, after checks; the inverse of `arrays`.
+
+        Raises:
+            KeyError: an array is missing.
+            ValueError: an array has another shape, or no plausible values.
+        """
         count = len(UNKNOWNS) - FORCE
         shapes = {
             "constants": (count,), "constants_covariance": (count, count), "contact_share": (), "sessions": (),
@@ -172,7 +189,7 @@ class Knowledge:
             if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
                 raise ValueError(f"{name}: expected finite numbers {shape}, got {arrays[name].shape}")
         mean, covariance = (np.asarray(arrays[name], np.float64) for name in list(shapes)[:2])
-        if not (np.diag(covariance) > 0).all() or not (np.linalg.eigvalsh(_scaled(covariance)) > 0).all():
+        if not (np.diag(covariance) > 0).all() or not (np.linalg.eigvalsh(_correlation(covariance)) > 0).all():
             raise ValueError("constants_covariance is no covariance")
         share, sessions = float(arrays["contact_share"]), int(arrays["sessions"])
         if not (0.0 < share < 1.0 and sessions >= 0):
@@ -181,7 +198,10 @@ class Knowledge:
 
 
 def stated_stds(info: SessionInfo, view: str) -> dict[int, float]:
-    """Standard deviations of constants, by their place, where the session metadata state how well they are known."""
+    """Returns the standard deviations of constants that the session metadata state, by the constant's index.
+
+    The index counts the `UNKNOWNS` behind the force. Stiffness, length and scale are relative.
+    """
     catheter, camera = info.catheter, info.view(view)
     stiffness, tilt_deg = catheter.bending_stiffness_uncertainty, camera.tilt_uncertainty_deg
     tilt = None if tilt_deg is None else math.tan(math.radians(min(tilt_deg, _MOST_TILT_DEG))) / _CAMERA_M
@@ -201,29 +221,32 @@ def knob_gain_std(prior: RodPriors, actuation: ActuationInfo) -> float:
     return prior.knob_gain if stated is None else stated
 
 
-def _scaled(covariance: FloatArray) -> FloatArray:
+def _correlation(covariance: FloatArray) -> FloatArray:
     std = np.sqrt(np.diag(covariance))
     return covariance / np.outer(std, std)
 
 
 def noise_unit_m(model: Model, scale_m_per_px: float) -> float:
-    """Metres of one pixel of `LineError`: those of the image, or of the bench of its figures where these are more.
+    """Returns the length in metres of one pixel of `LineError`.
 
-    Errors of a line grow with blur and diameter in pixels, so a finer image has no more information.
+    The errors were measured on a bench whose line is `_PIXELS` long. A finer image has no more information, since its
+    blur covers more pixels: then the pixel of that bench counts, not the image's own.
     """
     return max(scale_m_per_px, (model.flexible_m + model.rigid_m) / _PIXELS)
 
 
 def rod_model(info: SessionInfo, segments: int) -> Model:
-    """The rod that the metadata state, its tip a half-ball where they state a diameter.
+    """Returns the rod that the metadata state: a flexible part in ``segments`` segments, and a rigid tip.
 
-    Raises InputError where they lack length or stiffness.
+    The tip ends in a half-ball where the metadata state a diameter: the force acts at its centre.
+
+    Raises:
+        InputError: the metadata lack length or stiffness.
     """
     catheter = info.catheter
     if catheter.flexible_length_m is None or catheter.bending_stiffness_nm2 is None:
         raise InputError(f"the rod needs {' and '.join(NEEDED)}; state them in bench.toml")
-    # without a rigid tip the last element is as good as nothing
-    rigid = max(catheter.rigid_length_m or 0.0, 1e-6)
+    rigid = max(catheter.rigid_length_m or 0.0, 1e-6)  # the model needs a last element: without a tip it is negligible
     dome = min(rigid, 0.5 * (catheter.diameter_m or 0.0))
     return Model(
         segments, catheter.flexible_length_m, rigid, catheter.bending_stiffness_nm2,

@@ -33,6 +33,8 @@ _SENSOR_STD_N = 8e-3
 """Noise, pose and tare of a bench's force sensor."""
 _CONTACT_N = 0.02
 _HUBER, _STEPS = 4.0, 20
+_MOST_MISFIT = 10.0
+"""A frame whose misfit is larger than the limit of an estimate by this factor is left out: its line is wrong."""
 _LEAST_SHARE = 0.05
 
 
@@ -46,7 +48,16 @@ class _Session:
 
 
 def learn(settings: RodSettings, dataset: Dataset, progress: Progress) -> Knowledge:
-    """Learns the priors from ``dataset``. Raises InputError if the catheter is found in none of its images."""
+    """Learns the priors of the constants from sessions with measured forces.
+
+    Args:
+        settings: the settings; their priors are the start.
+        dataset: the sessions.
+        progress: called with the current work and its finished share.
+
+    Raises:
+        InputError: the forces lack x or y, or the catheter is found in no image.
+    """
     if not dataset.known[:2].all():
         raise InputError(f"{dataset.title}: to learn from it the rod needs forces in x and y; state learn=false")
     sessions: list[_Session] = []
@@ -60,21 +71,18 @@ def learn(settings: RodSettings, dataset: Dataset, progress: Progress) -> Knowle
     knowledge = stated
     for turn in range(_ROUNDS):
         progress("learning the priors", 0.7 + 0.3 * turn / _ROUNDS)
-        means: list[FloatArray] = []
-        covariances: list[FloatArray] = []
-        for session in sessions:
-            mean, covariance = _posterior(settings, knowledge, session)
-            means.append(mean)
-            covariances.append(covariance)
+        posteriors = [_posterior(settings, knowledge, session) for session in sessions]
+        means, covariances = [mean for mean, _ in posteriors], [covariance for _, covariance in posteriors]
         knowledge = _maximised(settings, stated, knowledge, sessions, means, covariances)
     progress("learning the priors", 1.0)
     return knowledge
 
 
 def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
+    """Detects the catheter in up to `_FRAMES` frames of the session ``name``; frames without a line are left out."""
     info = dataset.session_info[name]
     rows = np.flatnonzero(dataset.session == name)
-    part = dataset.subset(rows[np.unique(np.linspace(0, len(rows) - 1, _FRAMES).astype(np.int64))])
+    frames = dataset.subset(rows[np.unique(np.linspace(0, len(rows) - 1, _FRAMES).astype(np.int64))])
     images = (
         calibration_images(dataset, name, settings.vision.view)
         if detector_kind(settings.vision.method).by_session
@@ -85,7 +93,7 @@ def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
     knobs: list[float] = []
     forces: list[FloatArray] = []
     scale = 0.0
-    for observation, force in zip(part.observations(), part.force_n, strict=True):
+    for observation, force in zip(frames.observations(), frames.force_n, strict=True):
         found = detection.read(observation)
         if not isinstance(found, Abstention) and found.shape.centreline is not None:
             lines.append(found.line())
@@ -96,35 +104,40 @@ def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
 
 
 def _posterior(settings: RodSettings, knowledge: Knowledge, session: _Session) -> tuple[FloatArray, FloatArray]:
-    """Mean and covariance of a session's constants, relative to its metadata."""
+    """Returns mean (constants,) and covariance (constants, constants) of a session's constants (the expectation step).
+
+    Frame by frame, the line is fitted with the measured force and the posterior of the frames before as the prior.
+    The pre-curvature of the result is that beside the knob's.
+    """
     error = LineError.of(settings.noise, MODES)
     constants = len(UNKNOWNS) - FORCE
-    count = len(UNKNOWNS) + MODES
+    count = len(UNKNOWNS) + MODES  # force, constants, lasting errors of the line
     model = rod_model(session.info, settings.segments)
     unit = noise_unit_m(model, session.scale)
     modes, whiten = error.modes * unit, error.whiten / unit
     work = make_work(model, POINTS, count)
     mean, covariance = np.zeros(count - FORCE), np.eye(count - FORCE)
-    shift, covariance[:constants, :constants] = knowledge.for_session(settings, session.info, session.knob_deg[0])
-    mean[:constants] = shift
-    result = np.zeros((count, count))
+    mean[:constants], covariance[:constants, :constants] = knowledge.for_session(
+        settings, session.info, session.knob_deg[0]
+    )
+    fitted_covariance = np.zeros((count, count))
     gain = session.info.actuation.knob_gain_per_m_deg or 0.0
     for k, line in enumerate(session.lines):
         mean[0] += gain * float(np.nan_to_num(session.knob_deg[k] - session.knob_deg[max(k - 1, 0)]))
         information = np.zeros((count, count))
         information[:FORCE, :FORCE] = np.eye(FORCE) / _SENSOR_STD_N**2
         information[FORCE:, FORCE:] = np.linalg.inv(covariance)
-        whole = np.concatenate([session.force_n[k], mean])
-        q = whole.copy()
-        if k == 0:
-            at = UNKNOWNS.index("base_x_m")
-            q[at : at + 2] = line.points[0]
+        prior_mean = np.concatenate([session.force_n[k], mean])
+        q = prior_mean.copy()
+        if k == 0:  # start with the clamp at the first point
+            base = UNKNOWNS.index("base_x_m")
+            q[base : base + 2] = line.points[0]
         found = fit_line(
-            q, whole, information, model, line, modes, whiten, _HUBER, _STEPS, True, work, result
+            q, prior_mean, information, model, line, modes, whiten, _HUBER, _STEPS, True, work, fitted_covariance
         )  # fmt: skip
-        if not found.converged or found.chi2 > 10.0 * settings.max_misfit * (POINTS + 1):
+        if not found.converged or found.chi2 > _MOST_MISFIT * settings.max_misfit * (POINTS + 1):
             continue
-        mean, covariance = q[FORCE:].copy(), 0.5 * (result + result.T)[FORCE:, FORCE:]
+        mean, covariance = q[FORCE:].copy(), 0.5 * (fitted_covariance + fitted_covariance.T)[FORCE:, FORCE:]
     relative = mean[:constants].copy()
     relative[0] -= session.info.actuation.curvature_per_m(float(session.knob_deg[-1])) or 0.0
     return relative, covariance[:constants, :constants]
@@ -138,18 +151,28 @@ def _maximised(
     means: Sequence[FloatArray],
     covariances: Sequence[FloatArray],
 ) -> Knowledge:
+    """Returns the priors that fit the sessions' posteriors best (the maximisation step).
+
+    Args:
+        settings: the settings.
+        stated: the priors of the settings, which count as `_WEIGHT` further sessions.
+        knowledge: the present priors.
+        sessions: the sessions.
+        means: (constants,) mean of each session's constants.
+        covariances: (constants, constants) their covariances.
+    """
     count = len(means)
-    first = stated.for_session(settings, sessions[0].info, sessions[0].knob_deg[0])[1]
+    stated_covariance = stated.for_session(settings, sessions[0].info, sessions[0].knob_deg[0])[1]
     mean = (np.sum(means, axis=0) + _WEIGHT * stated.constants) / (count + _WEIGHT)
-    apart = [np.outer(each - mean, each - mean) for each in (*means, stated.constants)]
-    spread = np.sum(apart[:-1], axis=0) + np.sum(covariances, axis=0) + _WEIGHT * (first + apart[-1])
+    squares = [np.outer(each - mean, each - mean) for each in (*means, stated.constants)]
+    spread = np.sum(squares[:-1], axis=0) + np.sum(covariances, axis=0) + _WEIGHT * (stated_covariance + squares[-1])
+    covariance = spread / (count + _WEIGHT)
     force = np.concatenate([each.force_n for each in sessions])
     touching = np.linalg.norm(force, axis=1) > _CONTACT_N
-    covariance = spread / (count + _WEIGHT)
-    kept = [UNKNOWNS.index(name) - FORCE for name in _STATED]
-    mean[kept] = stated.constants[kept]
-    covariance[kept] = covariance[:, kept] = 0.0
-    covariance[kept, kept] = first[kept, kept]
+    not_learnt = [UNKNOWNS.index(name) - FORCE for name in _STATED]
+    mean[not_learnt] = stated.constants[not_learnt]
+    covariance[not_learnt] = covariance[:, not_learnt] = 0.0
+    covariance[not_learnt, not_learnt] = stated_covariance[not_learnt, not_learnt]
     return replace(
         knowledge,
         constants=mean,

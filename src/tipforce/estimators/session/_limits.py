@@ -108,9 +108,7 @@ GROUPS = (
         "with prior.proximal_stiffness = 0.01",
     ),
     UnknownGroup(
-        "length",
-        _rod("length"),
-        "measure catheter.flexible_length_m and state catheter.flexible_length_uncertainty",
+        "length", _rod("length"), "measure catheter.flexible_length_m and state catheter.flexible_length_uncertainty"
     ),
     UnknownGroup(
         "creep",
@@ -121,9 +119,7 @@ GROUPS = (
 )
 """Groups that a measurement determines."""
 LINE_ERROR = UnknownGroup(
-    "error of the line",
-    tuple(range(ROD, ROD + MODES)),
-    "take a sharper or larger image of the catheter",
+    "error of the line", tuple(range(ROD, ROD + MODES)), "take a sharper or larger image of the catheter"
 )
 SHAPE = UnknownGroup(
     "the shape itself",
@@ -181,8 +177,7 @@ class ForceLimits:
                 f"expected at least {MIN_FRAMES}"
             )
         limits = self.limits
-        shown = [each for each in limits if self._counts(each)] or limits[:1]
-        first, *rest = shown
+        first, *rest = [limit for limit in limits if self._counts(limit)] or limits[:1]
         parts = [f"{first.name} {1e3 * first.std_n:.0f} mN", *(f"{each.name} {1e3 * each.std_n:.0f}" for each in rest)]
         remedies = [first.remedy]
         best = self.measurable[0]
@@ -237,12 +232,12 @@ class LimitsTally:
             return
         mean, covariance = session.joint()
         self._frames.append(_Joint.of(mean, covariance, session.prior_std))
-        if len(self._frames) > _MAX_FRAMES:
+        if len(self._frames) > _MAX_FRAMES:  # thin out: keep every second frame, now and from now on
             self._frames = self._frames[::2]
             self._every *= 2
 
     def limits(self, view: str) -> ForceLimits:
-        """Returns the contributions.
+        """Returns the contribution of each group to the force's standard deviation, as medians over the frames.
 
         Args:
             view: name of the view, for the remedies.
@@ -251,19 +246,20 @@ class LimitsTally:
         if len(frames) < MIN_FRAMES:
             return ForceLimits(self._seen, math.nan)
         std_n = _median_std(frames, ())
-        groups = {group: _gone(std_n, _median_std(frames, group.unknowns)) for group in GROUPS}
+        contributions_n = {group: _gone(std_n, _median_std(frames, group.unknowns)) for group in GROUPS}
         measurable: list[Limit] = []
         known: tuple[int, ...] = ()
-        for group in sorted(GROUPS, key=lambda each: -groups[each]):
+        for group in sorted(GROUPS, key=lambda group: -contributions_n[group]):
             known += group.unknowns
             remedy = group.remedy.replace("{view}", view)
-            measurable.append(Limit(group.name, groups[group], _median_std(frames, known), remedy))
-        parts = np.sqrt([frame.residual((*known, *LINE_ERROR.unknowns)) for frame in frames])
-        across, along = np.median(parts, axis=0).tolist()
-        line = math.hypot(_gone(std_n, _median_std(frames, LINE_ERROR.unknowns)), across)
+            measurable.append(Limit(group.name, contributions_n[group], _median_std(frames, known), remedy))
+        # left when all is known: across, the noise of the line limits the force; along, the shape itself does
+        left_n = np.sqrt([frame.residual((*known, *LINE_ERROR.unknowns)) for frame in frames])
+        across_n, along_n = np.median(left_n, axis=0).tolist()
+        line_n = math.hypot(_gone(std_n, _median_std(frames, LINE_ERROR.unknowns)), across_n)
         others = (
-            Limit(LINE_ERROR.name, line, math.nan, LINE_ERROR.remedy),
-            Limit(SHAPE.name, along, math.nan, SHAPE.remedy),
+            Limit(LINE_ERROR.name, line_n, math.nan, LINE_ERROR.remedy),
+            Limit(SHAPE.name, along_n, math.nan, SHAPE.remedy),
         )
         return ForceLimits(self._seen, std_n, tuple(measurable), others)
 
@@ -292,14 +288,20 @@ class _Joint:
 
     @classmethod
     def of(cls, mean: FloatArray, covariance: FloatArray, prior_std: FloatArray) -> "_Joint":
-        """Makes it from the moments of all unknowns, and their standard deviations before the session."""
+        """Makes the Gaussian of a frame; see the module's text for the information of a measurement.
+
+        Args:
+            mean: (COUNT,) of force and unknowns.
+            covariance: (COUNT, COUNT) of the same.
+            prior_std: (COUNT,) their standard deviations before the session.
+        """
         direction, information = np.zeros(COUNT), np.zeros(COUNT)
         direction[:FORCE] = mean[:FORCE] / max(math.hypot(*mean[:FORCE]), 1e-9)
         for group in (*GROUPS, LINE_ERROR):
-            for each in group.unknowns:
-                prior = float(prior_std[each])
+            for unknown in group.unknowns:
+                prior = float(prior_std[unknown])
                 left = _LEFT_SHARE * prior if group.left is None else group.left
-                information[each] = max(0.0, left**-2 - prior**-2) if prior > 0.0 else 0.0
+                information[unknown] = max(0.0, left**-2 - prior**-2) if prior > 0.0 else 0.0
         return cls(covariance, direction, information)
 
     def variance_left(self, unknowns: Sequence[int]) -> float:
@@ -311,16 +313,16 @@ class _Joint:
 
         The first is across the direction of the force that the shape shows least, the second along it.
         """
-        values, vectors = np.linalg.eigh(self._force_covariance(unknowns))
-        parts = np.maximum(values, 0.0) * (self.direction[:FORCE] @ vectors) ** 2
+        variances, axes = np.linalg.eigh(self._force_covariance(unknowns))  # the smaller variance first
+        parts = np.maximum(variances, 0.0) * (self.direction[:FORCE] @ axes) ** 2
         return float(parts[0]), float(parts[1])
 
     def _force_covariance(self, unknowns: Sequence[int]) -> FloatArray:
-        """Returns the (2, 2) covariance of the force when ``unknowns`` are measured."""
-        measured = [each for each in unknowns if self.information[each] > 0.0]
+        """Returns the (2, 2) covariance of the force when ``unknowns`` are measured (Kalman update, see the module)."""
+        measured = [unknown for unknown in unknowns if self.information[unknown] > 0.0]
         force = self.covariance[:FORCE, :FORCE]
         if measured:
-            noisy = self.covariance[np.ix_(measured, measured)] + np.diag(1.0 / self.information[measured])
+            innovation = self.covariance[np.ix_(measured, measured)] + np.diag(1.0 / self.information[measured])
             cross = self.covariance[:FORCE, measured]
-            force = force - cross @ np.linalg.solve(noisy, cross.T)
+            force = force - cross @ np.linalg.solve(innovation, cross.T)
         return 0.5 * (force + force.T)

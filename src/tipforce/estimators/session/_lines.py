@@ -18,27 +18,42 @@ POINTS = 22
 def _line(
     points_px: FloatArray, scale: float, c: float, s: float, u0: float, v0: float, advance_m: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Samples a centreline at `POINTS` points and changes it from pixels to metres, in the frame of the clamp.
+
+    Args:
+        points_px: (n, 2) u, v of the centreline, base to tip.
+        scale: metres per pixel.
+        c: cosine of the angle that turns the inward direction to x.
+        s: its sine.
+        u0: u of the origin, px.
+        v0: v of the origin, px.
+        advance_m: advance of the clamp, with which the origin moves.
+
+    Returns:
+        (POINTS, 2) points, m; (POINTS, 2) unit normals to the left; (POINTS,) arc lengths from the tip, m.
+    """
     n = points_px.shape[0]
-    arc = np.zeros(n)
+    arc_px = np.zeros(n)
     for i in range(1, n):
-        arc[i] = arc[i - 1] + math.hypot(points_px[i, 0] - points_px[i - 1, 0], points_px[i, 1] - points_px[i - 1, 1])
+        du, dv = points_px[i, 0] - points_px[i - 1, 0], points_px[i, 1] - points_px[i - 1, 1]
+        arc_px[i] = arc_px[i - 1] + math.hypot(du, dv)
     points, normals, from_tip = np.empty((POINTS, 2)), np.empty((POINTS, 2)), np.empty(POINTS)
     for k in range(POINTS):
         i = round(k * (n - 1) / (POINTS - 1))
         u, v = points_px[i, 0] - u0, points_px[i, 1] - v0
         before, after = max(i - 1, 0), min(i + 1, n - 1)
         du, dv = points_px[after, 0] - points_px[before, 0], points_px[after, 1] - points_px[before, 1]
-        if i == 0:  # one-sided, second order
+        if i == 0:  # at the ends: one-sided differences of second order
             du = 4.0 * points_px[1, 0] - 3.0 * points_px[0, 0] - points_px[2, 0]
             dv = 4.0 * points_px[1, 1] - 3.0 * points_px[0, 1] - points_px[2, 1]
         elif i == n - 1:
             du = 3.0 * points_px[i, 0] - 4.0 * points_px[i - 1, 0] + points_px[i - 2, 0]
             dv = 3.0 * points_px[i, 1] - 4.0 * points_px[i - 1, 1] + points_px[i - 2, 1]
         size = math.hypot(du, dv)
-        points[k, 0], points[k, 1] = scale * (c * u - s * v) - advance_m, scale * (-s * u - c * v)
-        tx, ty = (c * du - s * dv) / size, (-s * du - c * dv) / size
-        normals[k, 0], normals[k, 1] = -ty, tx
-        from_tip[k] = scale * (arc[n - 1] - arc[i])
+        points[k, 0], points[k, 1] = scale * (c * u - s * v) - advance_m, scale * (-s * u - c * v)  # v points down
+        tangent_x, tangent_y = (c * du - s * dv) / size, (-s * du - c * dv) / size
+        normals[k, 0], normals[k, 1] = -tangent_y, tangent_x
+        from_tip[k] = scale * (arc_px[n - 1] - arc_px[i])
     return points, normals, from_tip
 
 
@@ -64,17 +79,20 @@ class StatedErrors:
 
     @classmethod
     def of(cls, shape: DetectedShape) -> "StatedErrors | None":
-        """Returns the statements of a found ``shape``; None where it states none: then every point is seen."""
+        """Returns vision's statements about a detected shape, at the `POINTS` points that `LineFrame.line` takes.
+
+        None where vision states neither errors nor hidden points; then every point is seen.
+        """
         if shape.centreline is None or (shape.seen is None and shape.covariance_px2 is None):
             return None
-        points = shape.centreline.points
-        at = np.rint(np.linspace(0.0, len(points) - 1.0, POINTS)).astype(np.int64)
-        seen = np.ones(len(points), np.bool_) if shape.seen is None else shape.seen
+        count = len(shape.centreline.points)
+        sampled = np.rint(np.linspace(0.0, count - 1.0, POINTS)).astype(np.int64)
+        seen = np.ones(count, np.bool_) if shape.seen is None else shape.seen
         std_px = np.zeros(POINTS + 1)
-        stated = shape.std_along_and_across_px
-        if stated is not None:
-            std_px[:-1], std_px[-1] = stated[1][at], stated[0][-1]
-        return cls(std_px, np.append(seen[at], shape.tip_seen))
+        if shape.std_along_and_across_px is not None:
+            along, across = shape.std_along_and_across_px
+            std_px[:-1], std_px[-1] = across[sampled], along[-1]
+        return cls(std_px, np.append(seen[sampled], shape.tip_seen))
 
 
 class LineFrame:
@@ -95,18 +113,18 @@ class LineFrame:
         width, height = size_px
         self.key = (size_px, base_side, scale_m_per_px)
         self.scale_m_per_px = scale_m_per_px
-        self._c, down = INWARD[base_side]
+        self._c, down = INWARD[base_side]  # cosine and sine of the direction inward; v points down
         self._s = -down
         middle_u, middle_v = 0.5 * (width - 1), 0.5 * (height - 1)
-        reach = 0.5 * (width if self._c else height)
-        self._u, self._v = middle_u - reach * self._c, middle_v + reach * self._s
+        half_px = 0.5 * (width if self._c else height)  # from the middle of the image to the border
+        self._u, self._v = middle_u - half_px * self._c, middle_v + half_px * self._s
         if origin_px is not None:
             self._u, self._v = origin_px.tolist()
         u, v = middle_u - self._u, middle_v - self._v
         self._middle_m = scale_m_per_px * np.array([self._c * u - self._s * v, -self._s * u - self._c * v])
 
     def line(self, centreline: CentrelinePx, advance_m: float = 0.0, *, from_clamp: bool = False) -> Line:
-        """Returns the line of a centreline.
+        """Returns a centreline as the line in metres to which the rod is fitted.
 
         Args:
             centreline: at least three points, base to tip.

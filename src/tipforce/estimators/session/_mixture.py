@@ -1,4 +1,9 @@
-"""From the nodes of a walk to the force, its intervals, and the session's constants."""
+"""From the nodes of a walk to the force, its intervals, and the session's constants.
+
+A node is a force at which the walk (`_walk`) fitted the line: ``scratch`` holds its components along the chord of the
+shaft and across it, fit cost, and the standard deviation across. (``c``, ``s``) is the unit vector along the chord;
+forces are in N, in the frame of the clamp. "No contact" is one further hypothesis, with a fit without force.
+"""
 
 import math
 from typing import NamedTuple
@@ -66,51 +71,77 @@ NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, np.ones(1), np.zeros(1), np.ones(1), np.on
 
 
 @njit(cache=True, nogil=True)
-def _agreement(x: float, y: float, size: float, largest_n: float, evidence: Evidence) -> float:
-    """Returns the density of the evidence, given a force, over that given any force in contact."""
+def _evidence_ratio(x: float, y: float, size: float, largest_n: float, evidence: Evidence) -> float:
+    """Returns the likelihood ratio of the read depth and direction: this force against any force in contact.
+
+    Args:
+        x: x component of the force, N.
+        y: y component, N.
+        size: its magnitude, N.
+        largest_n: force of the last value of the table ``evidence.density``.
+        evidence: the reading of the image at the tip.
+    """
     if evidence.unreliable >= 1.0:
         return 1.0
     count = evidence.density.size
-    at = size / largest_n * (count - 1)
-    below = min(int(at), count - 2)
-    part = min(1.0, at - below)
-    ratio = (1.0 - part) * evidence.density[below] + part * evidence.density[below + 1]
-    return ((1.0 - evidence.unreliable) * ratio + evidence.unreliable) * _along(x, y, size, evidence)
+    position = size / largest_n * (count - 1)  # in the table of densities, between whose values we interpolate
+    below = min(int(position), count - 2)
+    part = min(1.0, position - below)
+    depth_ratio = (1.0 - part) * evidence.density[below] + part * evidence.density[below + 1]
+    reliable_ratio = (1.0 - evidence.unreliable) * depth_ratio + evidence.unreliable
+    return reliable_ratio * _direction_ratio(x, y, size, evidence)
 
 
 @njit(cache=True, nogil=True)
-def _along(x: float, y: float, size: float, evidence: Evidence) -> float:
-    """Returns the density of the direction that was read, given a force, over that given any force in contact."""
+def _direction_ratio(x: float, y: float, size: float, evidence: Evidence) -> float:
+    """Returns the likelihood ratio of the read direction: force (x, y) of magnitude ``size`` against any direction."""
     if evidence.unreliable >= 1.0 or size <= 0.0:
         return 1.0
     ratio = 0.0
     for k in range(evidence.shares.size):
-        ratio += evidence.shares[k] * _by(k, x, y, size, evidence)
+        ratio += evidence.shares[k] * _von_mises_ratio(k, x, y, size, evidence)
     return (1.0 - evidence.unreliable) * ratio + evidence.unreliable
 
 
 @njit(cache=True, nogil=True)
-def _by(k: int, x: float, y: float, size: float, evidence: Evidence) -> float:
-    """Returns the density of the direction by one of its distributions, over that of an even one."""
+def _von_mises_ratio(k: int, x: float, y: float, size: float, evidence: Evidence) -> float:
+    """Returns the ratio of `_direction_ratio` by the ``k``-th von Mises distribution of ``evidence`` alone."""
     cosine = (x * evidence.towards_x + y * evidence.towards_y) / size
     return evidence.heights[k] * math.exp(evidence.strengths[k] * (cosine - 1.0))
 
 
 @njit(cache=True, nogil=True)
+def _force_at(node: int, offset_n: float, c: float, s: float, scratch: Scratch) -> tuple[float, float, float]:
+    """Returns x, y and magnitude, N, of a node's force after ``offset_n`` is added across the chord (c, s)."""
+    across, along = scratch.forces[node, 0] + offset_n, scratch.forces[node, 1]
+    x, y = c * along - s * across, s * along + c * across
+    return x, y, math.hypot(x, y)
+
+
+@njit(cache=True, nogil=True)
 def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: float) -> float:
-    """Quantile of points with ``shares`` (their sum is 1), linear between their middles."""
-    below, before, last = 0.0, -1.0, values[order[0]]
+    """Returns the quantile of weighted points, by linear interpolation of their cumulative distribution.
+
+    Half of a point's share counts as below it.
+
+    Args:
+        values: (n,) the points.
+        order: (n,) indices that sort them.
+        shares: (n,) their shares, whose sum is 1.
+        level: the quantile's level, 0 to 1.
+    """
+    sum_below, last_level, last_value = 0.0, -1.0, values[order[0]]  # level -1: no point with a share yet
     for k in order:
-        middle = below + 0.5 * shares[k]
-        if middle >= level:
-            if before < 0.0 or middle <= before:
+        point_level = sum_below + 0.5 * shares[k]
+        if point_level >= level:
+            if last_level < 0.0 or point_level <= last_level:
                 return float(values[k])
-            part = (level - before) / (middle - before)
-            return float(last + part * (values[k] - last))
-        below += shares[k]
+            part = (level - last_level) / (point_level - last_level)
+            return float(last_value + part * (values[k] - last_value))
+        sum_below += shares[k]
         if shares[k] > 0.0:
-            before, last = middle, values[k]
-    return float(last)
+            last_level, last_value = point_level, values[k]
+    return float(last_value)
 
 
 @njit(cache=True, nogil=True)
@@ -129,29 +160,41 @@ def _widen_by_profile(
 ) -> None:
     """Widens the intervals to all forces that explain the line nearly as well as the best one (profile likelihood).
 
-    Where the shape shows nothing of a force the prior alone would decide, in favour of no contact.
+    Where the shape shows nothing of a force, quantiles of the posterior would follow the prior, which prefers small
+    forces. (`_PROFILE` is the allowed difference of the costs, `Evidence` the reading of the image at the tip.)
+
+    Args:
+        found: number of nodes.
+        c: cosine of the direction of the walk.
+        s: its sine.
+        axis_x: x component of the tip's axis, a unit vector; a force in contact pushes against it.
+        axis_y: its y component.
+        free: fit without a force.
+        largest_n: no force is larger, N.
+        evidence: knowledge beside the line; its ratios change the costs.
+        low: (3,) lower ends for fx, fy and the magnitude, N; changed in place.
+        high: (3,) upper ends; changed in place.
+        scratch: the nodes.
     """
     free_cost = free.cost + evidence.log_odds
     best = free_cost if free.ok else math.inf
     costs = np.empty(found)
     for i in range(found):
-        across, along = scratch.forces[i, 0], scratch.forces[i, 1]
-        x, y = c * along - s * across, s * along + c * across
-        costs[i] = scratch.costs[i] - math.log(_agreement(x, y, math.hypot(x, y), largest_n, evidence))
+        x, y, size = _force_at(i, 0.0, c, s, scratch)
+        costs[i] = scratch.costs[i] - math.log(_evidence_ratio(x, y, size, largest_n, evidence))
         best = min(best, costs[i])
     if free.ok and free_cost <= best + _PROFILE:
         low[2] = 0.0
-        for a in range(2):
-            low[a], high[a] = min(low[a], 0.0), max(high[a], 0.0)
+        for axis in range(2):
+            low[axis], high[axis] = min(low[axis], 0.0), max(high[axis], 0.0)
     for i in range(found):
-        left = best + _PROFILE - costs[i]
-        if left < 0.0:
+        spare_cost = best + _PROFILE - costs[i]
+        if spare_cost < 0.0:
             continue
-        reach = scratch.across_std[i] * math.sqrt(2.0 * left)
+        # across the walk the cost is quadratic: it rises by 0.5 (distance / std)^2
+        reach_n = scratch.across_std[i] * math.sqrt(2.0 * spare_cost)
         for side in (-1.0, 0.0, 1.0):
-            across, along = scratch.forces[i, 0] + side * reach, scratch.forces[i, 1]
-            x, y = c * along - s * across, s * along + c * across
-            size = math.hypot(x, y)
+            x, y, size = _force_at(i, side * reach_n, c, s, scratch)
             if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
                 low[0], high[0] = min(low[0], x), max(high[0], x)
                 low[1], high[1] = min(low[1], y), max(high[1], y)
@@ -171,7 +214,9 @@ def mixed_force(
     evidence: Evidence,
     scratch: Scratch,
 ) -> Mixed:
-    """The force over contact and none; ``weights`` and ``shares`` of ``scratch`` become the nodes' shares.
+    """Returns the force of a line, averaged over contact and no contact; sets the nodes' shares in ``scratch``.
+
+    Each node has three forces, at Gauss-Hermite points across the walk; "no contact" is one more force, zero.
 
     The prior of the force in contact is uniform in magnitude and direction, and smaller where only a held tip carries
     the push (`_HELD_SHARE`). It counts once, for the force of this line. For the constants the density is flat in the
@@ -188,82 +233,82 @@ def mixed_force(
         free: fit without a force.
         prior_odds: logarithm of the odds of contact beforehand.
         largest_n: the prior of the force ends here.
-        evidence: knowledge beside the line.
-        scratch: the nodes.
+        evidence: knowledge beside the line: direction and depth that a network read at the tip.
+        scratch: the nodes. Their shares become: ``weights``, for the constants, without any prior of the force;
+            ``by_line``, with this prior and the read direction; ``shares``, with the read depth as well.
 
     Returns:
         The force, its probability of contact, and its intervals.
     """
     count = 3 * found
-    points, shares = np.zeros((3, count + 1)), np.zeros(count + 1)
+    points, shares = np.zeros((3, count + 1)), np.zeros(count + 1)  # rows: fx, fy, magnitude
     axis_x, axis_y = math.cos(angle), math.sin(angle)
-    best = -math.inf
+    best = -math.inf  # subtracted from the log densities, so that exp() neither overflows nor is zero everywhere
     for i in range(found):
         best = max(best, scratch.weights[i])
     agreement = np.zeros(evidence.shares.size)
-    total = total_own = total_flat = total_agreeing = 0.0
+    total_flat = total_prior = total_direction = total_evidence = 0.0
     for i in range(found):
-        density, per_m = math.exp(scratch.weights[i] - best), scratch.node_rates[i, 0]
-        if per_m < 0.0:
-            per_m *= -_HELD_SHARE
-        flat = own = whole = agreeing = 0.0
+        # the rate N/m turns a density of the force into one of the tip's position, the unknown that was integrated
+        density, rate_n_per_m = math.exp(scratch.weights[i] - best), scratch.node_rates[i, 0]
+        if rate_n_per_m < 0.0:  # a free tip would buckle
+            rate_n_per_m *= -_HELD_SHARE
+        flat = with_prior = with_direction = with_evidence = 0.0
         for j in range(3):
-            across, along = scratch.forces[i, 0] + _ACROSS[j] * scratch.across_std[i], scratch.forces[i, 1]
-            x, y = c * along - s * across, s * along + c * across
-            size = math.hypot(x, y)
+            x, y, size = _force_at(i, _ACROSS[j] * scratch.across_std[i], c, s, scratch)
             k = 3 * i + j
             points[0, k], points[1, k], points[2, k] = x, y, size
             if size <= largest_n:
                 flat += density * _ACROSS_SHARE[j]
             if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
-                prior = per_m / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
+                prior = rate_n_per_m / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
                 shares[k] = density * _ACROSS_SHARE[j] * prior
-                own += shares[k] * _along(x, y, size, evidence)
-                whole += shares[k]
-                for each in range(agreement.size):
-                    agreement[each] += shares[k] * (_by(each, x, y, size, evidence) if size > 0.0 else 1.0)
-                shares[k] *= _agreement(x, y, size, largest_n, evidence)
-                agreeing += shares[k]
-        scratch.weights[i], scratch.by_line[i], scratch.shares[i] = flat, own, agreeing
+                with_direction += shares[k] * _direction_ratio(x, y, size, evidence)
+                with_prior += shares[k]
+                for error in range(agreement.size):
+                    agreement[error] += shares[k] * (
+                        _von_mises_ratio(error, x, y, size, evidence) if size > 0.0 else 1.0
+                    )
+                shares[k] *= _evidence_ratio(x, y, size, largest_n, evidence)
+                with_evidence += shares[k]
+        scratch.weights[i], scratch.by_line[i], scratch.shares[i] = flat, with_direction, with_evidence
         total_flat += flat
-        total_own += own
-        total += whole
-        total_agreeing += agreeing
-    log_density = -math.inf
-    if total > 0.0:
-        log_density = math.log(total * step_n * math.sqrt(2.0 * math.pi)) + best
-    none = -free.cost - 0.5 * free.log_det if free.ok else -math.inf
-    log_odds = log_density - none if free.ok or total > 0.0 else 0.0
-    odds = max(-60.0, min(60.0, log_odds + prior_odds + evidence.log_odds))
-    contact = 1.0 / (1.0 + math.exp(-odds)) if total > 0.0 else 0.0
-    if total_flat <= 0.0:
-        contact = 0.0
+        total_direction += with_direction
+        total_prior += with_prior
+        total_evidence += with_evidence
+    contact = 0.0
+    if total_prior > 0.0 and total_flat > 0.0:
+        # both densities are integrals of exp(-cost); the common factors of the other unknowns cancel
+        log_touching = math.log(total_prior * step_n * math.sqrt(2.0 * math.pi)) + best
+        log_free = -free.cost - 0.5 * free.log_det if free.ok else -math.inf
+        log_odds = max(-60.0, min(60.0, log_touching - log_free + prior_odds + evidence.log_odds))
+        contact = 1.0 / (1.0 + math.exp(-log_odds))
     for k in range(count):
-        shares[k] *= contact / total_agreeing if total_agreeing > 0.0 else 0.0
+        shares[k] *= contact / total_evidence if total_evidence > 0.0 else 0.0
     for i in range(found):
         scratch.weights[i] /= total_flat if total_flat > 0.0 else 1.0
-        scratch.by_line[i] /= total_own if total_own > 0.0 else 1.0
-        scratch.shares[i] /= total_agreeing if total_agreeing > 0.0 else 1.0
+        scratch.by_line[i] /= total_direction if total_direction > 0.0 else 1.0
+        scratch.shares[i] /= total_evidence if total_evidence > 0.0 else 1.0
     shares[count] = 1.0 - contact
-    mean, spread = np.zeros(2), np.zeros((2, 2))
+    mean, covariance = np.zeros(2), np.zeros((2, 2))
     for k in range(count):
         for a in range(2):
             mean[a] += shares[k] * points[a, k]
     for k in range(count + 1):
         for a in range(2):
             for b in range(2):
-                spread[a, b] += shares[k] * (points[a, k] - mean[a]) * (points[b, k] - mean[b])
+                covariance[a, b] += shares[k] * (points[a, k] - mean[a]) * (points[b, k] - mean[b])
     low, high = np.zeros(3), np.zeros(3)
     for a in range(3):
         order = np.argsort(points[a])
         low[a], high[a] = _quantile(points[a], order, shares, _TAIL), _quantile(points[a], order, shares, 1.0 - _TAIL)
     if contact > 0.0:
         _widen_by_profile(found, c, s, axis_x, axis_y, free, largest_n, evidence, low, high, scratch)
-    if total > 0.0:
-        agreement /= total
+    if total_prior > 0.0:
+        agreement /= total_prior
     else:
         agreement[:] = 1.0
-    return Mixed(mean, spread, contact, low, high, agreement)
+    return Mixed(mean, covariance, contact, low, high, agreement)
 
 
 @njit(cache=True, nogil=True)
@@ -277,7 +322,10 @@ def mixed_constants(
     s: float,
     scratch: Scratch,
 ) -> tuple[FloatArray, FloatArray]:
-    """Computes the moments of all unknowns over the nodes and no contact.
+    """Computes mean and covariance of all unknowns, over the nodes of the walk and the fit without a force.
+
+    The result is the Gaussian with the moments of a mixture: each node adds its own Gaussian (Laplace's approximation
+    at fixed force along the chord) and its distance from the mean. The first two unknowns are the force in x and y.
 
     Args:
         found: number of nodes.
@@ -293,7 +341,7 @@ def mixed_constants(
         Mean (unknowns,) and covariance (unknowns, unknowns).
     """
     n = free_q.size
-    shares = np.zeros(NODES + 1)
+    shares = np.zeros(NODES + 1)  # the last used one is that of no contact
     total = 0.0
     for i in range(found):
         share = contact * weights[i]
@@ -318,7 +366,7 @@ def mixed_constants(
         for a in range(n):
             for b in range(n):
                 covariance[a, b] += share * (q[a] - mean[a]) * (q[b] - mean[b])
-        for a in range(FORCE, n):
+        for a in range(FORCE, n):  # the node's own covariance: the inverse of its information, column by column
             for b in range(n):
                 column[b] = 1.0 if a == b else 0.0
             solve_in(factor, column)
@@ -326,13 +374,13 @@ def mixed_constants(
                 covariance[a, b] += share * column[b]
         if i == found:
             continue
-        variance = 0.0  # of the force across the walk, turned to x and y
-        for b in range(n):
-            column[b] = scratch.node_rates[i, b]
+        # the force across the walk depends on the unknowns by node_rates: its covariance with them, then its variance
+        variance = 0.0
+        column[:] = scratch.node_rates[i]
         solve_in(factor, column)
         for b in range(n):
             variance += share * column[b] * scratch.node_rates[i, b]
-        for b in range(FORCE, n):
+        for b in range(FORCE, n):  # the direction across is (-s, c)
             covariance[0, b] -= s * share * column[b]
             covariance[b, 0] -= s * share * column[b]
             covariance[1, b] += c * share * column[b]

@@ -17,10 +17,10 @@ _CLIP = 6.0
 
 
 class NoiseLevel:
-    """``factor``, at least 1: of the standard deviations across the line that are stated.
+    """``factor``, at least 1: the noise across the line over the stated noise, as standard deviations.
 
-    Each misfit is an estimate of the variance; they are averaged with the memory ``memory_s`` and with
-    the stated level as ``level_frames`` frames beside them (scaled inverse chi-squared, its mode).
+    Each misfit is an estimate of the variance. Their average forgets with the time constant ``memory_s``; the stated
+    level counts in it as ``level_frames`` frames (mode of a scaled inverse chi-squared distribution).
     """
 
     def __init__(self, settings: NoiseSettings, memory_s: float) -> None:
@@ -29,18 +29,22 @@ class NoiseLevel:
         self.factor = 1.0
 
     def add(self, misfit: float, elapsed_s: float) -> None:
-        """``misfit``: mean square, in the variances of the noise at the present ``factor``."""
-        variance = self.factor**2
-        seen = variance * min(_CLIP, misfit / _USUAL_MISFIT)
+        """Changes ``factor`` by the misfit of one more line.
+
+        Args:
+            misfit: mean square of the line's residuals, in the variances of the noise at the present ``factor``.
+            elapsed_s: time since the line before.
+        """
+        line_variance = self.factor**2 * min(_CLIP, misfit / _USUAL_MISFIT)
         keep = math.exp(-elapsed_s / self._memory_s)
-        self._weight, self._sum = keep * self._weight + 1.0, keep * self._sum + seen
-        first = self._settings.level_frames
-        level = math.sqrt(max(1.0, (self._sum + first) / (self._weight + first)))
+        self._weight, self._sum = keep * self._weight + 1.0, keep * self._sum + line_variance
+        stated_frames = self._settings.level_frames  # weight of the stated level, whose variance is 1
+        level = math.sqrt(max(1.0, (self._sum + stated_frames) / (self._weight + stated_frames)))
         self.factor = _in_steps(level)
 
 
 def noisier(level: float, misfit: float) -> float:
-    """The level at which a line whose ``misfit`` is this at ``level`` would be usual."""
+    """Returns the level of the noise at which a line would have the usual misfit, from its ``misfit`` at ``level``."""
     return _in_steps(level * math.sqrt(max(1.0, misfit / _USUAL_MISFIT)))
 
 

@@ -20,6 +20,8 @@ from ._walk import ALONG, Fit, Session, make_scratch, relax, walk
 
 _START_N = 0.3
 """Standard deviation of each component of the force in the fit from which the walk starts."""
+_NO_FORCE_STD_N = 1e-6
+"""The same in the fit without a force."""
 _COLD_STEPS, _STEPS, _FREE_STEPS = 60, 25, 8
 """Largest number of steps; in contact no step makes a rod without force fit, so few are tried."""
 _LEAST_CONTACT = 0.01
@@ -95,7 +97,7 @@ class LinePosterior:
         """Returns the force from ``line`` alone; a line that fits badly is fitted again with the noise that it shows.
 
         Args:
-            line: the line.
+            line: the detected line, in metres.
             scale: metres per pixel.
             knob_deg: reading of the knob; NaN: not known.
             stated: vision's statements about the line.
@@ -116,6 +118,7 @@ class LinePosterior:
     def _solve_at(
         self, level: float, line: Line, knob_deg: float, stated: StatedErrors | None, reading: ContactReading | None
     ) -> Posterior:
+        """Returns the posterior of a line by the session's priors, with ``level`` times the stated noise."""
         state = self._new_state(knob_deg)
         self._lay_out_noise(level, begins=True)
         self._fill_noise(line, stated)
@@ -130,39 +133,58 @@ class LinePosterior:
         return state
 
     def _result(self, fits: Hypotheses, force: Mixed) -> Posterior:
-        """Checks the line and the constants together: the sum of their squares is that of as many errors as rows."""
+        """Adds to the force the check whether the rod explains the line.
+
+        The better of the fits without and with a force counts. The squares of its misfit and of the constants'
+        distance from their priors are limited together, per measurement of the line: a fit must not buy a small misfit
+        with improbable constants.
+        """
         chi2, q = min((fits.free.chi2, fits.free_q), (fits.touch.chi2, fits.touch_q), key=lambda each: each[0])
-        apart = q[FORCE:ROD] - self._prior_mean
-        squares = float(apart @ self._prior_information @ apart)
+        from_prior = q[FORCE:ROD] - self._prior_mean
+        prior_chi2 = float(from_prior @ self._prior_information @ from_prior)
         free_counts = fits.free.ok and force.contact < _LEAST_CONTACT
-        fits_well = chi2 + squares <= self._settings.max_misfit * self._rows
+        fits_well = chi2 + prior_chi2 <= self._settings.max_misfit * self._rows
         explained = fits_well and (fits.found > 0 or free_counts)
-        return Posterior(force, chi2 / self._rows, squares / len(apart), explained, self._factor)
+        return Posterior(force, chi2 / self._rows, prior_chi2 / len(from_prior), explained, self._factor)
 
     def _lay_out_noise(self, level: float, *, begins: bool) -> None:
+        """Sets the line's noise to ``level`` times the stated one; ``begins``: a session begins with it."""
         self._factor = level
         error = LineError.of(self._settings.noise, MODES, level)
         # the amplitudes of the modes are unknowns: their unit stays for the session
         self._error = error if begins else replace(error, modes=self._error.modes)
 
     def _fill_noise(self, line: Line, stated: StatedErrors | None) -> None:
+        """Computes whitening matrix and error modes of one line, in metres, from the noise and vision's statements."""
         self._stated, unit_m = stated, noise_unit_m(self._model, self._scale)
-        # a session in which the line is worse than the settings state is one in which vision's statement is too good
+        # where lines are noisier than the settings state, the errors that vision states are too small by that factor
         error = self._error.beside(stated, self._factor * self._scale / unit_m)
         self._whiten, self._rows = error.whiten / unit_m, error.rows
         self._modes = line_modes(error, unit_m)
         fill_camera_modes(self._modes, line, self._model, self._settings)
 
     def _session(self, state: SessionState) -> Session:
+        """Returns the constants of the fit of the present line."""
         model, prior = self._model, self._settings.prior
+        # friction moves the force by this lever from the dome's centre; moment over EI is a curvature
+        lever_per_m_n = prior.friction * model.dome_m / model.stiffness_nm2
         return Session(
-            model, self._modes, self._whiten, state.gain_per_m_deg, state.knob_deg,
-            prior.friction * model.dome_m / model.stiffness_nm2, self._settings.huber, prior.largest_force_n,
-            self._settings.across_error_n,
+            model, self._modes, self._whiten, state.gain_per_m_deg, state.knob_deg, lever_per_m_n,
+            self._settings.huber, prior.largest_force_n, self._settings.across_error_n,
         )  # fmt: skip
 
     def _fit(self, line: Line, state: SessionState, last_n: FloatArray | None) -> Hypotheses:
-        """``last_n`` (2,): force of the frame before, from whose shapes the fits start; None: they start cold."""
+        """Fits the rod to the line without a force and with one, and walks along the chord from the second fit.
+
+        Args:
+            line: the line.
+            state: prior of the constants.
+            last_n: (2,) force of the frame before, N, from whose shapes the fits start; None: they start from the
+                straight rod.
+
+        Returns:
+            Both fits; the nodes of the walk are left in ``_scratch``.
+        """
         session, scratch = self._session(state), self._scratch
         work, mean = scratch.rod, state.mean
         information = np.zeros((COUNT, COUNT))
@@ -179,7 +201,7 @@ class LinePosterior:
         free_factor = work.factor.copy()
         if free.ok:
             self._shapes["free"] = work.theta.copy()
-        session = self._held(session, touch_q, "touch")
+        session = self._held(session, touch_q, "touch")  # from here on the tip is held across the chord
         touch = relax(touch_q, mean, information, session, line, 0, _START_N**-2, _STEPS, scratch)
         if not touch.ok and free.ok:
             touch_q = free_q.copy()
@@ -189,7 +211,7 @@ class LinePosterior:
         along_n, across_n = touch_q[0], work.reaction[0]
         if touch.ok:
             self._shapes["touch"] = work.theta.copy()
-            column = np.zeros(COUNT)
+            column = np.zeros(COUNT)  # of the inverse of the information: its diagonal is the variance
             column[ALONG] = 1.0
             solve_in(work.factor, column)
             found, step_n = walk(touch_q, mean, information, session, line, math.sqrt(column[ALONG]), scratch)
@@ -197,7 +219,17 @@ class LinePosterior:
         return Hypotheses(free, free_q, free_factor, touch, touch_q, touch_n, found, step_n, c, s)
 
     def _held(self, session: Session, q: FloatArray, which: str) -> Session:
-        """Changes the force in ``q`` to that along the chord of a shape, and its tip's position across the chord."""
+        """Changes the unknowns from a free tip to one that is held across the chord.
+
+        Args:
+            session: constants of the fit.
+            q: (unknowns,) its first two are the force, N; they become the force along the chord, N, and the position
+                of the loaded point across it, m.
+            which: name of the shape whose chord counts: "free" or "touch".
+
+        Returns:
+            The constants with the direction of the chord.
+        """
         work, theta = self._scratch.rod, self._shapes[which]
         work.theta[:] = theta
         chord = np.array([np.cos(theta).sum(), np.sin(theta).sum()])
@@ -207,7 +239,13 @@ class LinePosterior:
         return session._replace(c=c, s=s)
 
     def _cold_starts(self, line: Line, state: SessionState) -> tuple[FloatArray, FloatArray]:
-        """Fits the rod alone, without and with a force, from the straight rod on."""
+        """Fits the rod without and with a force from the straight rod on, for starts of the fits of all unknowns.
+
+        The lasting errors of the line are left out: they count as noise here.
+
+        Returns:
+            (unknowns,) the start without a force, and that with one; their shapes are left in ``_shapes``.
+        """
         prior_mean, covariance = state.rod_prior()
         mean = np.concatenate([np.zeros(FORCE), prior_mean])
         information = np.zeros((ROD, ROD))
@@ -216,29 +254,33 @@ class LinePosterior:
         error = LineError.of(self._settings.noise, 0, self._factor)
         error = error.beside(self._stated, self._factor * self._scale / unit_m)
         whiten = error.whiten / unit_m
-        q, result, nothing = mean.copy(), np.zeros((ROD, ROD)), np.zeros((POINTS + 1, 0))
+        q, result, no_modes = mean.copy(), np.zeros((ROD, ROD)), np.zeros((POINTS + 1, 0))
         q[X : X + 2] = line.points[0]
         starts: list[FloatArray] = []
-        for which, std_n in (("free", 1e-6), ("touch", _START_N)):
+        for which, std_n in (("free", _NO_FORCE_STD_N), ("touch", _START_N)):
             information[:FORCE, :FORCE] = np.eye(FORCE) / std_n**2
             fit_line(
-                q, mean, information, self._model, line, nothing, whiten, self._settings.huber, _COLD_STEPS, True,
+                q, mean, information, self._model, line, no_modes, whiten, self._settings.huber, _COLD_STEPS, True,
                 self._cold_work, result,
             )  # fmt: skip
             self._shapes[which] = self._cold_work.theta.copy()
             start = np.zeros(COUNT)
             start[:ROD] = q
-            start[K0] -= state.gain_per_m_deg * state.knob_deg
+            start[K0] -= state.gain_per_m_deg * state.knob_deg  # here the knob's curvature is a part of K0
             starts.append(start)
         return starts[0], starts[1]
 
     def _force(self, fits: Hypotheses, line: Line, share: float, reading: ContactReading | None) -> Mixed:
-        angle = float(self._shapes["touch" if fits.found else "free"][-1])
+        """Returns the force by the fits and the reading of the tip's image; ``share``: prior probability of contact."""
+        rod_axis_rad = float(self._shapes["touch" if fits.found else "free"][-1])
         evidence = NO_EVIDENCE
-        if reading is not None:  # its direction counts from the axis of the line, which is not that of the rod
-            axis_rad = tip_axis(line.points, 1.0) - float((fits.touch_q if fits.found else fits.free_q)[ANGLE])
-            evidence = evidence_of(reading, axis_rad, self.tissue, self._settings.contact)
+        if (
+            reading is not None
+        ):  # its direction counts from the tip's axis in the line, here turned to the clamp's frame
+            base_rad = float((fits.touch_q if fits.found else fits.free_q)[ANGLE])
+            line_axis_rad = tip_axis(line.points, 1.0) - base_rad
+            evidence = evidence_of(reading, line_axis_rad, self.tissue, self._settings.contact)
         return mixed_force(
-            fits.found, fits.step_n, fits.c, fits.s, angle, fits.free, math.log(share / (1.0 - share)),
+            fits.found, fits.step_n, fits.c, fits.s, rod_axis_rad, fits.free, math.log(share / (1.0 - share)),
             self._settings.prior.largest_force_n, evidence, self._scratch,
         )  # fmt: skip

@@ -35,6 +35,7 @@ class SessionState:
     """
 
     def __init__(self, settings: RodSettings, knowledge: Knowledge, info: SessionInfo, knob_deg: float) -> None:
+        # every unknown begins with variance 1, which is right for amplitudes of errors and the lever
         prior, actuation = settings.prior, info.actuation
         gain = actuation.knob_gain_per_m_deg
         has_knob = gain is not None and not math.isnan(knob_deg)
@@ -51,15 +52,18 @@ class SessionState:
             self.covariance[K0, K0] = prior.precurvature_per_m**2
 
     def unloaded_curvature_per_m(self) -> tuple[float, float]:
-        """Returns mean and standard deviation of the curvature without load."""
+        """Returns mean and standard deviation of the curvature without load, 1/m, by shaft, knob and play together."""
         gain = self.gain_per_m_deg
-        parts = np.zeros(COUNT)
-        parts[K0], parts[GAIN], parts[PLAY] = 1.0, gain * self.knob_deg, gain
-        mean = float(parts @ self.mean) + gain * self.knob_deg
-        return mean, math.sqrt(float(parts @ self.covariance @ parts))
+        slopes = np.zeros(COUNT)  # derivatives of this curvature by the unknowns
+        slopes[K0], slopes[GAIN], slopes[PLAY] = 1.0, gain * self.knob_deg, gain
+        mean = float(slopes @ self.mean) + gain * self.knob_deg
+        return mean, math.sqrt(float(slopes @ self.covariance @ slopes))
 
     def rod_prior(self) -> tuple[FloatArray, FloatArray]:
-        """Returns mean and covariance of the rod's unknowns behind the force, for a fit that knows no others."""
+        """Returns mean and covariance of the rod's unknowns without the force, for a fit that has no others.
+
+        Such a fit has no unknowns for the knob: the pre-curvature contains the knob's curvature, with its variance.
+        """
         mean, covariance = self.mean[FORCE:ROD].copy(), self.covariance[FORCE:ROD, FORCE:ROD].copy()
         curvature, std = self.unloaded_curvature_per_m()
         mean[0] = curvature
@@ -67,22 +71,22 @@ class SessionState:
         return mean, covariance
 
     def predict(self, settings: RodTrackSettings, elapsed_s: float, knob_deg: float, advanced_m: float) -> None:
-        """Changes the state by the time that passed, the knob's turn, and the way of the clamp.
+        """Changes the state by the elapsed time, the knob's turn, and the advance of the clamp (Kalman prediction).
 
         Args:
             settings: speeds of the changes.
             elapsed_s: time since the state was last updated.
             knob_deg: reading of the knob; NaN: it stays.
-            advanced_m: way of the clamp in this time.
+            advanced_m: advance of the clamp in this time.
         """
         covariance = self.covariance
-        bend = self.gain_per_m_deg * abs(self.knob_deg)
-        part = min(1.0, elapsed_s / settings.knob_drift_s)
-        covariance[K0, K0] += 2.0 * (settings.knob_drift * bend) ** 2 * part
+        knob_curvature_per_m = self.gain_per_m_deg * abs(self.knob_deg)
+        drift_share = min(1.0, elapsed_s / settings.knob_drift_s)
+        covariance[K0, K0] += 2.0 * (settings.knob_drift * knob_curvature_per_m) ** 2 * drift_share
         covariance[X, X] += settings.base_walk_m**2 * elapsed_s
         covariance[Y, Y] += settings.base_walk_m**2 * elapsed_s
         covariance[ANGLE, ANGLE] += math.radians(settings.base_walk_deg) ** 2 * elapsed_s
-        if elapsed_s > 0.0:
+        if elapsed_s > 0.0:  # the reading of the advance and the image may be a little apart in time
             covariance[X, X] += (advanced_m * min(1.0, settings.advance_late_s / elapsed_s)) ** 2
         self._forget(slice(ROD, ROD + MODES), math.exp(-elapsed_s / settings.line_error_s))
         self._forget(slice(LEVER, COUNT), math.exp(-elapsed_s / settings.friction_s))
@@ -91,7 +95,7 @@ class SessionState:
             self.knob_deg = knob_deg
 
     def _forget(self, part: slice, keeps: float) -> None:
-        """Ornstein-Uhlenbeck processes with unit variance."""
+        """Lets unknowns decay toward 0 by the factor ``keeps``: Ornstein-Uhlenbeck processes with unit variance."""
         self.mean[part] *= keeps
         self.covariance[part] *= keeps
         self.covariance[:, part] *= keeps
@@ -99,20 +103,24 @@ class SessionState:
         self.covariance[index, index] += 1.0 - keeps**2
 
     def _turn(self, turned_deg: float) -> None:
-        """The mechanism stays where it is until the knob has crossed the play."""
-        half = 0.5 * self._play_deg
-        if turned_deg == 0.0 or half == 0.0:
+        """Changes the position of the mechanism in the knob's play, relative to the knob, by a turn of the knob.
+
+        The mechanism stays where it is until the knob has crossed the play; then the knob drags it along. So its
+        position relative to the knob moves back by the turn, and is clipped to the play.
+        """
+        half_play_deg = 0.5 * self._play_deg
+        if turned_deg == 0.0 or half_play_deg == 0.0:
             return
         variance = float(self.covariance[PLAY, PLAY])
-        mean, clipped, within = clipped_moments(float(self.mean[PLAY]) - turned_deg, variance, half)
+        mean, clipped_variance, within = clipped_moments(float(self.mean[PLAY]) - turned_deg, variance, half_play_deg)
         self.mean[PLAY] = mean
         self.covariance[PLAY] *= within
         self.covariance[:, PLAY] *= within
-        self.covariance[PLAY, PLAY] = max(_LEAST_PLAY_DEG2, clipped) + (_PLAY_LEFT_OUT * turned_deg) ** 2
+        self.covariance[PLAY, PLAY] = max(_LEAST_PLAY_DEG2, clipped_variance) + (_PLAY_LEFT_OUT * turned_deg) ** 2
 
 
 def clipped_moments(mean: float, variance: float, half: float) -> tuple[float, float, float]:
-    """Returns the moments of a Gaussian that is clipped to +- ``half``.
+    """Returns the moments of a Gaussian variable whose values beyond +- ``half`` are set to that limit.
 
     Args:
         mean: its mean.
@@ -120,8 +128,8 @@ def clipped_moments(mean: float, variance: float, half: float) -> tuple[float, f
         half: half of the width to which it is clipped.
 
     Returns:
-        Mean, variance, and the probability within: the factor on the covariance with any other Gaussian, too (Stein's
-        lemma).
+        Mean, variance, and the probability within the limits. This is also the factor by which the covariance with any
+        other Gaussian variable shrinks (Stein's lemma).
 
     >>> clipped_moments(0.0, 1e-6, 1.0)
     (0.0, 1e-06, 1.0)
@@ -153,21 +161,24 @@ def line_modes(error: LineError, unit_m: float) -> FloatArray:
 
 
 def fill_camera_modes(modes: FloatArray, line: Line, model: Model, settings: RodSettings) -> None:
-    """Fills the columns of ``modes`` that depend on where the line is: those of the image.
+    """Fills the columns of ``modes`` for the errors of the image (`CAMERA`), which depend on the line's position.
+
+    They are the displacements of the line, m, by stretch and shear of the image, and by a bend out of the plane that
+    moves the line along x and along y; each for one standard deviation.
 
     Args:
-        modes: from `line_modes`.
+        modes: from `line_modes`; rows: the points, across the line, then the tip, along it.
         line: the line.
         model: the rod.
         settings: the settings.
     """
     prior = settings.prior
     last = line.normals[-1]
-    across = np.vstack([line.normals, [last[1], -last[0]]])  # the last row: along the line
+    measured = np.vstack([line.normals, [last[1], -last[0]]])  # directions in which the error of each row is measured
     from_middle = line.points - line.middle
-    at = np.vstack([from_middle, from_middle[-1:]])
-    from_base = np.maximum(model.flexible_m + model.rigid_m - np.append(line.from_tip, 0.0), 0.0)
-    depth = prior.depth_per_m * from_base**2
-    modes[:, MODES] = prior.stretch * (across[:, 0] * at[:, 0] - across[:, 1] * at[:, 1])
-    modes[:, MODES + 1] = prior.stretch * (across[:, 0] * at[:, 1] + across[:, 1] * at[:, 0])
-    modes[:, MODES + 2], modes[:, MODES + 3] = depth * across[:, 0], depth * across[:, 1]
+    position = np.vstack([from_middle, from_middle[-1:]])
+    from_base_m = np.maximum(model.flexible_m + model.rigid_m - np.append(line.from_tip, 0.0), 0.0)
+    depth = prior.depth_per_m * from_base_m**2
+    modes[:, MODES] = prior.stretch * (measured[:, 0] * position[:, 0] - measured[:, 1] * position[:, 1])
+    modes[:, MODES + 1] = prior.stretch * (measured[:, 0] * position[:, 1] + measured[:, 1] * position[:, 0])
+    modes[:, MODES + 2], modes[:, MODES + 3] = depth * measured[:, 0], depth * measured[:, 1]

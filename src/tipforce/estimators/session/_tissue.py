@@ -28,7 +28,7 @@ _LEAST_SHARE = 1e-5
 """No hypothesis is ever given up."""
 _LEAST_STRENGTH = 1e-6
 _STUDENT = 4.0
-"""Degrees of freedom of the depth's error."""
+"""Degrees of freedom of the depth's error, whose distribution is Student's: outliers are frequent."""
 
 
 def _depths(force_n: FloatArray, stiffness: FloatArray) -> FloatArray:
@@ -71,10 +71,13 @@ class Tissue:
         return math.exp(mean), math.sqrt(float(share @ (log - mean) ** 2))
 
     def learn_direction(self, agreement: FloatArray) -> None:
-        """Learns how far the force is from the direction that the network reads.
+        """Learns from a frame how far the force is from the direction that the network reads (Bayes' rule).
+
+        The likelihood counts by less than its value (``learnt_share``), since errors stay for many frames, and never
+        excludes a hypothesis (``unreliable_share``).
 
         Args:
-            agreement: (k,) likelihood of each of ``direction_errors_rad``.
+            agreement: (k,) likelihood of each of ``direction_errors_rad``, up to a factor.
         """
         unreliable = self._settings.unreliable_share
         likelihood = (1.0 - unreliable) * agreement / agreement.max() + unreliable
@@ -87,45 +90,49 @@ class Tissue:
         return math.log(self._visible * reading.touched + unseen) - math.log(self._visible * reading.clear + unseen)
 
     def look(self, reading: ContactReading, weight: float) -> None:
-        """Learns from an image whether the tissue is visible in this session.
+        """Learns from an image whether the tissue is visible in this session, with or without contact.
 
         Args:
             reading: the reading.
             weight: share of the image's information that is new, at most 1: images soon after each other are alike.
         """
         largest, least = self._settings.largest_log_odds, 1.0 - self._settings.largest_visible_share
-        evidence = math.log(0.5 * (reading.touched + reading.clear))
+        log_factor = math.log(0.5 * (reading.touched + reading.clear))  # Bayes factor of "visible"
         odds = self._visible / (1.0 - self._visible)
-        odds *= math.exp(min(1.0, weight) * max(-largest, min(largest, evidence)))
+        odds *= math.exp(min(1.0, weight) * max(-largest, min(largest, log_factor)))
         self._visible = min(1.0 - least, max(least, odds / (1.0 + odds)))
 
     def _depth_of(self, force_n: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns mean and standard deviation of the transformed depth (3, stiffnesses, forces)."""
+        """Returns mean and standard deviation of ``asinh(depth / DEPTH_M)``, each (3 laws, stiffnesses, forces)."""
         ratio = _depths(force_n, self._stiffness) / DEPTH_M
         return np.arcsinh(ratio), self._settings.law_error * ratio / np.sqrt(1.0 + ratio**2)
 
     def density(self, reading: ContactReading) -> FloatArray:
-        """Returns the density of the depth at each of ``force_n`` over its mean: (forces,)."""
+        """Returns the likelihood (forces,) of the read depth at each of ``force_n``, divided by its mean.
+
+        It is averaged over all laws and stiffnesses with their probabilities.
+        """
         likelihood = _student(reading, self._expected, self._spread)
         density = np.einsum("ls,lsf->f", self._weights, likelihood)
         mean = float(density.mean())
         return density / mean if mean > 0.0 else np.ones_like(density)
 
     def learn(self, reading: ContactReading, force_n: FloatArray, shares: FloatArray) -> None:
-        """Learns from a frame in which the shaft shows the force.
+        """Learns the law from a frame in which the shaft shows the force (Bayes' rule, see `learn_direction`).
 
         Args:
             reading: the depth.
-            force_n: (k,) forces by the shape alone.
-            shares: (k,) their shares.
+            force_n: (k,) possible forces by the shape alone, N.
+            shares: (k,) their probabilities.
         """
         expected, spread = self._depth_of(force_n)
         likelihood = _student(reading, expected, spread) @ shares
-        scale = float(likelihood.max())
-        if scale <= 0.0 or not math.isfinite(scale):
+        highest = float(likelihood.max())
+        if highest <= 0.0 or not math.isfinite(highest):
             return
         unreliable = self._settings.unreliable_share
-        weights = self._weights * ((1.0 - unreliable) * likelihood / scale + unreliable) ** self._settings.learnt_share
+        relative = (1.0 - unreliable) * likelihood / highest + unreliable
+        weights = self._weights * relative**self._settings.learnt_share
         self._weights = np.maximum(weights / weights.sum(), _LEAST_SHARE / weights.size)
         self._weights /= self._weights.sum()
 
@@ -137,7 +144,7 @@ def _student(reading: ContactReading, expected: FloatArray, spread: FloatArray) 
 
 
 def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, settings: ContactSettings) -> Evidence:
-    """Returns a reading's knowledge of the force.
+    """Returns the evidence on the force that a reading of the tip's image adds to the shape of the line.
 
     Args:
         reading: the reading.
@@ -146,16 +153,12 @@ def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, setting
         settings: weights.
     """
     log_odds = settings.odds_share * tissue.contact_log_odds(reading)
-    # a tissue pushes: the distributions are those of half a circle
-    limit, towards = settings.largest_log_odds, tip_rad - reading.turn_rad
+    limit, towards_rad = settings.largest_log_odds, tip_rad - reading.turn_rad  # the image's angles turn the other way
+    # 1 / concentration is a variance: that of the reading, and that between its direction and the force
     strengths = 1.0 / (1.0 / max(reading.strength, _LEAST_STRENGTH) + np.square(settings.direction_errors_rad))
+    # a tissue pushes, so the directions of a force fill half a circle: density there, over an even one (erf: Gaussian)
+    heights = 0.5 / i0e(strengths) / np.maximum(0.5, erf(0.5 * math.pi * np.sqrt(0.5 * strengths)))
     return Evidence(
-        max(-limit, min(limit, log_odds)),
-        math.cos(towards),
-        math.sin(towards),
-        tissue.direction_shares,
-        strengths,
-        0.5 / i0e(strengths) / np.maximum(0.5, erf(0.5 * math.pi * np.sqrt(0.5 * strengths))),
-        tissue.density(reading),
-        settings.unreliable_share,
-    )
+        max(-limit, min(limit, log_odds)), math.cos(towards_rad), math.sin(towards_rad), tissue.direction_shares,
+        strengths, heights, tissue.density(reading), settings.unreliable_share,
+    )  # fmt: skip

@@ -6,6 +6,10 @@ by the position of the loaded point across it: the rod is held there, as a tissu
 would under a dead load. Along the chord the force is fixed at evenly spaced nodes. At each node the rest (the position,
 and ``z``) is fitted by Gauss-Newton and integrated by Laplace's approximation. Each node starts from the one before it
 along the tangent, so that one evaluation of the rod is usually enough.
+
+``q`` are the unknowns (see `Session`), ``line`` is the detected line, ``scratch`` holds buffers: after a prediction
+``scratch.rod`` has the residuals of the line and their slopes, the derivatives by the unknowns. Metres, newtons,
+radians; the frame of the clamp: x along the shaft inward, y up.
 """
 
 import math
@@ -33,6 +37,8 @@ EXTRA = 3
 NODES = 49
 """Largest number of nodes."""
 _K0, _EI, _CREEP = (UNKNOWNS.index(name) for name in ("precurvature_per_m", "stiffness", "creep"))
+_GAIN, _PLAY, _LEVER = -3, -2, -1
+"""The `EXTRA` unknowns, counted from the end."""
 _SHAPE = UNKNOWNS.index("length") + 1
 """The unknowns before this one change the shape, and with it the reaction of a held tip."""
 _DEPTH = 7.0
@@ -45,6 +51,9 @@ _GAP = 0.05
 _NODE_STEPS, _TRIES = 3, 60
 _MAX_DAMPING = 1e6
 _MAX_TURN_RAD = 1.0
+"""A step that turns a part of the shaft further is refused: it may have jumped to another, buckled shape."""
+_NO_FORCE_N = 1e-6
+"""A smaller force has no direction."""
 _ACROSS, ALONG = 0, 1
 """Places of the position across and of the force along in the system; in the unknowns the force is first."""
 
@@ -85,7 +94,6 @@ class Scratch(NamedTuple):
     kept: FloatArray
     tangent: FloatArray
     start: FloatArray
-    theta: FloatArray
     forces: FloatArray
     """(NODES, 2): across and along the walk."""
     nodes: FloatArray
@@ -99,7 +107,7 @@ class Scratch(NamedTuple):
     shares: FloatArray
     """(NODES,): shares of the nodes in the force of the line; ``weights`` are those for the constants."""
     by_line: FloatArray
-    """(NODES,): the same by the line alone, without other evidence."""
+    """(NODES,): the same without the depth that a network read: by the line and the read direction."""
 
 
 def make_scratch(rod: Work, unknowns: int) -> Scratch:
@@ -112,9 +120,8 @@ def make_scratch(rod: Work, unknowns: int) -> Scratch:
     Returns:
         The buffers.
     """
-    n = rod.theta.size
     return Scratch(
-        rod, np.zeros(unknowns), np.zeros(n), np.zeros(unknowns), np.zeros(unknowns), np.zeros(n),
+        rod, np.zeros(unknowns), np.zeros(rod.theta.size), np.zeros(unknowns), np.zeros(unknowns),
         np.zeros((NODES, 2)), np.zeros((NODES, unknowns)), np.zeros((NODES, unknowns, unknowns)), np.zeros(NODES),
         np.zeros(NODES), np.zeros(NODES), np.zeros(unknowns), np.zeros((NODES, unknowns)), np.zeros(NODES),
         np.zeros(NODES),
@@ -134,21 +141,28 @@ class Fit(NamedTuple):
 @njit(cache=True, nogil=True)
 def _copy_rod(q: FloatArray, session: Session, scratch: Scratch) -> None:
     """Copies the rod's unknowns, with the curvature that the knob gives, into ``rod_q``."""
-    count, rod_q = q.size, scratch.rod_q
-    for k in range(count):
-        rod_q[k] = q[k]
-    rod_q[_K0] += session.gain_per_m_deg * (session.knob_deg * (1.0 + q[count - 3]) + q[count - 2])
+    rod_q = scratch.rod_q
+    rod_q[:] = q
+    rod_q[_K0] += session.gain_per_m_deg * (session.knob_deg * (1.0 + q[_GAIN]) + q[_PLAY])
 
 
 @njit(cache=True, nogil=True)
-def _add_knob_and_lever(q: FloatArray, size_n: float, session: Session, scratch: Scratch) -> None:
-    """Fills the slopes of the last unknowns, for a force of ``size_n``."""
-    work, count, gain = scratch.rod, q.size, session.gain_per_m_deg
+def _add_knob_and_lever(size_n: float, session: Session, scratch: Scratch) -> None:
+    """Fills the slopes of the residuals by the last unknowns: error of the knob's gain, play, and lever.
+
+    All three act on the shape as a curvature does: their slopes are multiples of that of the pre-curvature.
+
+    Args:
+        size_n: magnitude of the force, which acts at the lever.
+        session: constants of the fit.
+        scratch: buffers; ``rod.slopes`` is changed.
+    """
+    work, gain = scratch.rod, session.gain_per_m_deg
     for row in range(work.residual.size):
         slope = work.slopes[row, _K0]
-        work.slopes[row, count - 3] = gain * session.knob_deg * slope
-        work.slopes[row, count - 2] = gain * slope
-        work.slopes[row, count - 1] = session.lever_per_m_n * size_n * slope
+        work.slopes[row, _GAIN] = gain * session.knob_deg * slope
+        work.slopes[row, _PLAY] = gain * slope
+        work.slopes[row, _LEVER] = session.lever_per_m_n * size_n * slope
 
 
 @njit(cache=True, nogil=True)
@@ -164,19 +178,19 @@ def predict(q: FloatArray, session: Session, line: Line, scratch: Scratch) -> bo
     Returns:
         Whether there is such a stable shape.
     """
-    count, work = q.size, scratch.rod
+    work = scratch.rod
     _copy_rod(q, session, scratch)
     size, per_n = math.hypot(q[0], q[1]), session.lever_per_m_n
-    scratch.rod_q[_K0] += per_n * size * q[count - 1]
+    scratch.rod_q[_K0] += per_n * size * q[_LEVER]
     if not is_possible(scratch.rod_q, session.model):
         return False
     converged, stable = predict_line(scratch.rod_q, session.model, line, session.modes, work, False)
     if not (converged and stable):
         return False
-    _add_knob_and_lever(q, size, session, scratch)
-    if size > 1e-6:
+    _add_knob_and_lever(size, session, scratch)
+    if size > _NO_FORCE_N:  # the force changes the lever's curvature by its magnitude: chain rule
         for row in range(work.residual.size):
-            share = per_n * q[count - 1] * work.slopes[row, _K0] / size
+            share = per_n * q[_LEVER] * work.slopes[row, _K0] / size
             work.slopes[row, 0] += share * q[0]
             work.slopes[row, 1] += share * q[1]
     return True
@@ -198,26 +212,25 @@ def predict_held(q: FloatArray, session: Session, line: Line, scratch: Scratch) 
     Returns:
         Whether there is such a stable shape.
     """
-    count, work = q.size, scratch.rod
+    work = scratch.rod
     _copy_rod(q, session, scratch)
     if not is_possible(scratch.rod_q, session.model):
         return False
-    lever = session.lever_per_m_n * q[count - 1]
+    lever = session.lever_per_m_n * q[_LEVER]
     if not predict_held_line(scratch.rod_q, lever, session.c, session.s, session.model, line, session.modes, work):
         return False
     size = math.hypot(q[0], work.reaction[0])
-    _add_knob_and_lever(q, size, session, scratch)
-    rates, known = scratch.rates, work.reaction_rates
-    bend = known[_K0]
-    for k in range(count):
-        rates[k] = known[k] if FORCE <= k < _SHAPE else 0.0
-    rates[_ACROSS], rates[ALONG], rates[_CREEP] = known[1], known[0], known[_SHAPE]
-    gain = session.gain_per_m_deg
-    rates[count - 3], rates[count - 2] = gain * session.knob_deg * bend, gain * bend
-    rates[count - 1] = session.lever_per_m_n * size * bend
-    if size > 1e-6:
+    _add_knob_and_lever(size, session, scratch)
+    rates, rod_rates = scratch.rates, work.reaction_rates  # of all unknowns here, and of those of the rod's shape
+    rates[:] = 0.0
+    rates[FORCE:_SHAPE] = rod_rates[FORCE:_SHAPE]
+    rates[_ACROSS], rates[ALONG], rates[_CREEP] = rod_rates[1], rod_rates[0], rod_rates[_SHAPE]
+    gain, curvature_rate = session.gain_per_m_deg, rod_rates[_K0]
+    rates[_GAIN], rates[_PLAY] = gain * session.knob_deg * curvature_rate, gain * curvature_rate
+    rates[_LEVER] = session.lever_per_m_n * size * curvature_rate
+    if size > _NO_FORCE_N:  # the force along the chord changes the lever's curvature by its magnitude: chain rule
         share = lever * q[0] / size
-        rates[ALONG] += share * bend
+        rates[ALONG] += share * curvature_rate
         for row in range(work.residual.size):
             work.slopes[row, 0] += share * work.slopes[row, _K0]
     return True
@@ -225,31 +238,38 @@ def predict_held(q: FloatArray, session: Session, line: Line, scratch: Scratch) 
 
 @njit(cache=True, nogil=True)
 def _assemble(
-    q: FloatArray,
-    mean: FloatArray,
-    information: FloatArray,
-    session: Session,
-    fixed: int,
-    scratch: Scratch,
+    q: FloatArray, mean: FloatArray, information: FloatArray, session: Session, fixed: int, scratch: Scratch
 ) -> tuple[float, float]:
-    """Computes information and side at ``q``, in which the first two unknowns change places.
+    """Assembles the Gauss-Newton equations ``matrix @ step = side`` at ``q`` from the last prediction.
 
-    The last ``fixed`` of these two stay. Returns the cost and the squared misfit.
+    In these equations the first two unknowns change places: position across, then force along (`_ACROSS`, `ALONG`).
+
+    Args:
+        q: (unknowns,) see `predict` and `predict_held`.
+        mean: (unknowns,) mean of the prior of the constants.
+        information: (unknowns, unknowns) inverse of its covariance; the rows of the force do not count.
+        session: constants of the fit.
+        fixed: the last 0, 1 or 2 of the first two unknowns stay as they are; ``tangent`` gets the row of the last one.
+        scratch: buffers; ``rod.matrix`` and ``rod.side`` are filled.
+
+    Returns:
+        The cost (with Huber's loss of the residuals), and the sum of the squares of the whitened residuals.
     """
     work = scratch.rod
     rows, count = work.residual.size, q.size
-    loss = plain = 0.0
+    cost = chi2 = 0.0
     white, matrix, side = work.white, work.matrix, work.side
     for row in range(rows):
         work.slopes[row, _ACROSS], work.slopes[row, ALONG] = work.slopes[row, 1], work.slopes[row, 0]
+    # whitened slopes and, in the last column, residuals, both weighted as Huber's loss demands
     for i in range(rows):
-        value = 0.0
+        residual = 0.0
         for j in range(i + 1):
-            value += session.whiten[i, j] * work.residual[j]
-        size = abs(value)
-        plain += value * value
+            residual += session.whiten[i, j] * work.residual[j]
+        size = abs(residual)
+        chi2 += residual * residual
         limit = session.huber
-        loss += 0.5 * value * value if size <= limit else limit * (size - 0.5 * limit)
+        cost += 0.5 * residual * residual if size <= limit else limit * (size - 0.5 * limit)
         weight = 1.0 if size <= limit else math.sqrt(limit / size)
         for k in range(count):
             white[i, k] = 0.0
@@ -258,26 +278,27 @@ def _assemble(
             if share != 0.0:
                 for k in range(count):
                     white[i, k] += share * work.slopes[j, k]
-        white[i, count] = weight * value
+        white[i, count] = weight * residual
+    # the prior's part
     for a in range(count):
         total = 0.0
         for j in range(FORCE, count):
-            part = information[a, j]
-            matrix[a, j] = part
-            total -= part * (q[j] - mean[j])
+            matrix[a, j] = information[a, j]
+            total -= information[a, j] * (q[j] - mean[j])
         matrix[a, 0] = matrix[a, 1] = 0.0
         side[a] = total
         if a >= FORCE:
-            loss -= 0.5 * total * (q[a] - mean[a])
+            cost -= 0.5 * total * (q[a] - mean[a])
     if fixed < FORCE:  # the shape shows force over stiffness: a flat prior of the force would prefer stiff rods
         side[_EI] -= 1.0 / (1.0 + q[_EI])
-        loss += math.log(1.0 + q[_EI])
+        cost += math.log(1.0 + q[_EI])
+    # the line's part: lower triangle, then its mirror image
     for i in range(rows):
         for a in range(count):
-            value = white[i, a]
-            side[a] += value * white[i, count]
+            slope = white[i, a]
+            side[a] += slope * white[i, count]
             for b in range(a + 1):
-                matrix[a, b] += value * white[i, b]
+                matrix[a, b] += slope * white[i, b]
     for a in range(count):
         for b in range(a):
             matrix[b, a] = matrix[a, b]
@@ -287,7 +308,18 @@ def _assemble(
             matrix[a, b] = matrix[b, a] = 0.0
         matrix[a, a] = 1.0
         side[a] = 0.0
-    return loss, plain
+    return cost, chi2
+
+
+@njit(cache=True, nogil=True)
+def _newton_step(work: Work) -> float:
+    """Solves the factorised equations for ``work.step``; returns the squared distance to the minimum in std devs."""
+    work.step[:] = work.side
+    solve_in(work.factor, work.step)
+    gap = 0.0
+    for k in range(work.step.size):
+        gap += work.step[k] * work.side[k]
+    return gap
 
 
 @njit(cache=True, nogil=True)
@@ -301,6 +333,7 @@ def _add_step(q: FloatArray, step: FloatArray, share: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _predict_as(fixed: int, q: FloatArray, session: Session, line: Line, scratch: Scratch) -> bool:
+    """Predicts the line without a force (``fixed``) or in contact, with a held tip; returns whether that succeeds."""
     return predict(q, session, line, scratch) if fixed else predict_held(q, session, line, scratch)
 
 
@@ -316,7 +349,7 @@ def relax(
     most: int,
     scratch: Scratch,
 ) -> Fit:
-    """Moves ``q`` to the minimum (Levenberg-Marquardt).
+    """Moves ``q`` to the minimum of the cost (Levenberg-Marquardt: a step that raises it is damped and repeated).
 
     Args:
         q: (unknowns,) start, then result; see `predict` without a force, `predict_held` with one.
@@ -333,67 +366,55 @@ def relax(
     Returns:
         The fit.
     """
-    work, count = scratch.rod, q.size
-    trial = scratch.start
+    work = scratch.rod
+    trial, last_theta = scratch.start, scratch.kept
     damping, best, accepted = 0.0, math.inf, False
     chi2, log_det, gap = math.inf, math.nan, math.inf
-    for k in range(count):
-        trial[k] = q[k]
+    trial[:] = q
     taken = 0
     for _ in range(_TRIES):
-        for i in range(work.theta.size):
-            scratch.kept[i] = work.theta[i]
-        fine = _predict_as(fixed, trial, session, line, scratch)
-        turned = 0.0
-        if accepted and fine:
+        last_theta[:] = work.theta
+        possible = _predict_as(fixed, trial, session, line, scratch)
+        if accepted and possible:
+            turned_rad = 0.0
             for i in range(work.theta.size):
-                turned = max(turned, abs(work.theta[i] - scratch.kept[i]))
-        cost = plain = math.inf
-        if fine and turned < _MAX_TURN_RAD:
-            cost, plain = _assemble(trial, mean, information, session, fixed, scratch)
+                turned_rad = max(turned_rad, abs(work.theta[i] - last_theta[i]))
+            possible = turned_rad < _MAX_TURN_RAD
+        cost = trial_chi2 = math.inf
+        if possible:
+            cost, trial_chi2 = _assemble(trial, mean, information, session, fixed, scratch)
             cost += 0.5 * force_information * trial[0] ** 2
         if not accepted and cost == math.inf:
             return Fit(math.inf, math.inf, math.nan, math.inf, False)
-        if cost <= best:
-            small = best - cost < 1e-4 and damping < 1e-2
-            for k in range(count):
-                q[k] = trial[k]
-            best, chi2, accepted = cost, plain, True
-            if fixed == 0:
-                work.matrix[ALONG, ALONG] += force_information
-                work.side[ALONG] -= force_information * q[0]
+        lower = cost <= best
+        small = lower and best - cost < 1e-4 and damping < 1e-2
+        if lower:
+            q[:] = trial
+            best, chi2, accepted = cost, trial_chi2, True
             damping = 0.0 if damping < 1e-3 else 0.2 * damping
             taken += 1
-            if small or taken > most:
-                log_det = factorise(work.matrix, 0.0, work.factor)
-                gap = 0.0
-                break
         else:
-            for i in range(work.theta.size):
-                work.theta[i] = scratch.kept[i]
+            work.theta[:] = last_theta
             damping = max(1e-2, 6.0 * damping)
             if damping > _MAX_DAMPING:
                 break
-            # the system belongs to the last accepted point: it must be there again
+            # the equations are those of the refused point: assemble them at the last accepted one again
             if not _predict_as(fixed, q, session, line, scratch):
                 break
             _assemble(q, mean, information, session, fixed, scratch)
-            if fixed == 0:
-                work.matrix[ALONG, ALONG] += force_information
-                work.side[ALONG] -= force_information * q[0]
+        if fixed == 0:
+            work.matrix[ALONG, ALONG] += force_information
+            work.side[ALONG] -= force_information * q[0]
+        if small or (lower and taken > most):
+            log_det = factorise(work.matrix, 0.0, work.factor)
+            gap = 0.0
+            break
         log_det = factorise(work.matrix, damping, work.factor)
-        if math.isnan(log_det):
+        trial[:] = q
+        if math.isnan(log_det):  # not positive definite
             damping = max(1e-3, 4.0 * damping)
-            for k in range(count):
-                trial[k] = q[k]
             continue
-        gap = 0.0
-        for k in range(count):
-            work.step[k] = work.side[k]
-        solve_in(work.factor, work.step)
-        for k in range(count):
-            gap += work.step[k] * work.side[k]
-            trial[k] = q[k]
+        gap = _newton_step(work)
         if gap < 1e-3 and damping == 0.0:
             _add_step(q, work.step, 1.0)
             best -= 0.5 * gap
@@ -404,17 +425,19 @@ def relax(
 
 @njit(cache=True, nogil=True)
 def _node(
-    q: FloatArray,
-    mean: FloatArray,
-    information: FloatArray,
-    session: Session,
-    line: Line,
-    scratch: Scratch,
-    place: int,
+    q: FloatArray, mean: FloatArray, information: FloatArray, session: Session, line: Line, scratch: Scratch, place: int
 ) -> bool:
-    """Fits the node ``place`` from ``q``, whose force along the chord stays; whether it fits.
+    """Fits one node of the walk: the rest of the unknowns at a fixed force along the chord; returns whether it fits.
 
-    Then ``tangent`` holds the change of the unknowns per newton along the walk.
+    Args:
+        q: (unknowns,) start, then the fit; see `predict_held`.
+        mean: (unknowns,) mean of the prior of the constants.
+        information: (unknowns, unknowns) inverse of its covariance.
+        session: constants of the fit.
+        line: the line.
+        scratch: buffers; row ``place`` of the nodes' arrays is filled, and ``tangent`` becomes the change of the
+            unknowns per newton along the walk.
+        place: index of the node.
     """
     work, count = scratch.rod, q.size
     cost = gap = log_det = math.inf
@@ -425,31 +448,26 @@ def _node(
         log_det = factorise(work.matrix, 0.0, work.factor)
         if math.isnan(log_det):
             return False
-        for k in range(count):
-            work.step[k] = work.side[k]
-        solve_in(work.factor, work.step)
-        gap = 0.0
-        for k in range(count):
-            gap += work.step[k] * work.side[k]
+        gap = _newton_step(work)
         _add_step(q, work.step, 1.0)
         if gap < _GAP or turn == _NODE_STEPS - 1:
             break
     if gap > 1.0:
         return False
     rates, reaction_n = scratch.node_rates[place], work.reaction[0]
-    for k in range(count):
+    for k in range(count):  # the reaction after the last step, which was not evaluated again
         reaction_n += scratch.rates[k] * work.step[k]
-        rates[k] = scratch.rates[k] if k != ALONG else 0.0
-        scratch.nodes[place, k] = q[k]
-        for j in range(count):
-            scratch.factors[place, k, j] = work.factor[k, j]
-        scratch.tangent[k] = -scratch.tangent[k]
+    rates[:] = scratch.rates
+    rates[ALONG] = 0.0
+    scratch.nodes[place] = q
+    scratch.factors[place] = work.factor
+    # the minimum moves with the force along the chord by minus (matrix^-1 times that force's row)
+    scratch.tangent[:] = -scratch.tangent
     scratch.tangent[ALONG] = 0.0
     solve_in(work.factor, scratch.tangent)
     scratch.tangent[ALONG] = 1.0
-    variance = 0.0
-    for k in range(count):
-        work.step[k] = rates[k]
+    variance = 0.0  # of the reaction, across the chord
+    work.step[:] = rates
     solve_in(work.factor, work.step)
     for k in range(count):
         variance += rates[k] * work.step[k]
@@ -458,7 +476,7 @@ def _node(
     scratch.nodes[place, 0] = session.c * q[0] - session.s * reaction_n
     scratch.nodes[place, 1] = session.s * q[0] + session.c * reaction_n
     scratch.costs[place] = cost - 0.5 * gap
-    scratch.weights[place] = -scratch.costs[place] - 0.5 * log_det
+    scratch.weights[place] = -scratch.costs[place] - 0.5 * log_det  # log density, by Laplace's approximation
     return True
 
 
@@ -472,7 +490,9 @@ def walk(
     std_n: float,
     scratch: Scratch,
 ) -> tuple[int, float]:
-    """Walks from ``q`` along the chord to both sides.
+    """Fits nodes at evenly spaced forces along the chord, from the best fit to both sides.
+
+    A side ends where the density is negligible, the force is too large, or a node does not fit.
 
     Args:
         q: (unknowns,) the best fit.
@@ -486,31 +506,23 @@ def walk(
     Returns:
         Number of nodes, and their distance in N.
     """
-    work, count = scratch.rod, q.size
+    work = scratch.rod
     step_n = min(_LONGEST_N, max(_SHORTEST_N, _NODE_STD * std_n))
-    at = q.copy()
-    for i in range(work.theta.size):
-        scratch.theta[i] = work.theta[i]
-    fits = _node(at, mean, information, session, line, scratch, 0)
-    if not fits:
+    node_q = q.copy()
+    if not _node(node_q, mean, information, session, line, scratch, 0):
         return 0, step_n
-    middle_tangent, middle = scratch.tangent.copy(), at.copy()
+    middle_tangent, middle_q = scratch.tangent.copy(), node_q.copy()
     middle_theta, middle_reaction = work.theta.copy(), work.reaction[0]
     found, best = 1, scratch.weights[0]
-    for way in (1.0, -1.0):
-        for k in range(count):
-            at[k], scratch.tangent[k] = middle[k], middle_tangent[k]
-        for i in range(work.theta.size):
-            work.theta[i] = middle_theta[i]
+    for direction in (1.0, -1.0):
+        node_q[:], scratch.tangent[:] = middle_q, middle_tangent
+        work.theta[:] = middle_theta
         work.reaction[0] = middle_reaction
-        for _ in range(NODES):
-            if found == NODES:
+        while found < NODES:
+            _add_step(node_q, scratch.tangent, direction * step_n)
+            if math.hypot(node_q[0], work.reaction[0]) > session.largest_n:
                 break
-            _add_step(at, scratch.tangent, way * step_n)
-            if math.hypot(at[0], work.reaction[0]) > session.largest_n:
-                break
-            fits = _node(at, mean, information, session, line, scratch, found)
-            if not fits:
+            if not _node(node_q, mean, information, session, line, scratch, found):
                 break
             best = max(best, scratch.weights[found])
             found += 1

@@ -58,9 +58,14 @@ class RodEstimator(PlanarRodEstimator):
         return (*NEEDED, f"views.{self.settings.vision.view}.metres_per_px")
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Learns priors from sessions with forces; with the setting ``learn`` off nothing.
+        """Learns the priors of the rod's constants from sessions with forces; nothing where ``learn`` is off.
 
-        Raises InputError where the catheter is found in none of the images.
+        Args:
+            dataset: the sessions.
+            progress: called with the current work and its finished share.
+
+        Raises:
+            InputError: the catheter is found in none of the images.
         """
         self.check_views(dataset)
         if self.settings.learn:
@@ -76,13 +81,13 @@ class RodEstimator(PlanarRodEstimator):
         return self
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
-        """A stream for one session; see `Estimator.start`."""
-        if why := self.obstacle(info):
-            return UninformedStream(why)
+        """Returns a stream for one session; see `Estimator.start`."""
+        if reason := self.obstacle(info):
+            return UninformedStream(reason)
         return type(self).stream_type(self.settings, self.fitted_.knowledge, self.fitted_.widths, info, images)
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """Priors as arrays, intervals as values."""
+        """Returns the factors of the intervals as JSON values, and the priors as arrays."""
         return {"unknowns": list(UNKNOWNS), "widths": self.fitted_.widths.values()}, self.fitted_.knowledge.arrays()
 
     @classmethod
@@ -93,7 +98,11 @@ class RodEstimator(PlanarRodEstimator):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
-        """The inverse of `state`."""
+        """Makes the fitted method from its saved state; the inverse of `state`.
+
+        Raises:
+            ModelError: the model has other unknowns than this version of the program.
+        """
         if values["unknowns"] != list(UNKNOWNS):
             raise ModelError(f"the model was made for the unknowns {values['unknowns']}; train it again")
         made = cls(cls.settings_type.model_validate(settings))  # type: ignore[arg-type]
@@ -107,8 +116,8 @@ class RodEstimator(PlanarRodEstimator):
         names = UNKNOWNS[FORCE:]
         return self.facts_type(
             priors={
-                name: PriorFacts(mean=mean, std=each)
-                for name, mean, each in zip(names, knowledge.constants.tolist(), std.tolist(), strict=True)
+                name: PriorFacts(mean=mean, std=prior_std)
+                for name, mean, prior_std in zip(names, knowledge.constants.tolist(), std.tolist(), strict=True)
             },
             contact_share=knowledge.contact_share,
             sessions=knowledge.sessions,
@@ -126,7 +135,7 @@ class _LineStream:
         self._contact = ContactReader() if read else None
 
     def _read(self, observation: Observation) -> tuple[Detected, float] | ForceEstimate:
-        """Returns the line and the knob's angle, NaN where it is not known; or the abstention."""
+        """Returns the detected line and the knob's angle, degrees; NaN: not known. Or the estimate of an abstention."""
         found = self._detection.read(observation)
         knob_deg = observation.actuation.get("knob_deg", math.nan)
         if isinstance(found, Detected):
@@ -144,6 +153,7 @@ class _LineStream:
         return self._contact.read(image, detected.shape, detected.frame.scale_m_per_px)
 
     def _estimate(self, stamp_ns: int, found: Posterior) -> ForceEstimate:
+        """Returns the estimate of a frame; invalid where the noise, the rod's misfit or the interval is too large."""
         settings, shape = self._settings, self._detection.shape
         unfit = too_noisy(settings, found.level)
         if not found.explained:

@@ -251,11 +251,7 @@ class SpaceFilter:
         return _Solution(force, misfit, free, grids, shares, problem.measurements)
 
     def _begin(
-        self,
-        lines: Mapping[str, ShownLine],
-        cameras: Mapping[str, FloatArray],
-        knob_deg: float,
-        advance_m: float,
+        self, lines: Mapping[str, ShownLine], cameras: Mapping[str, FloatArray], knob_deg: float, advance_m: float
     ) -> None:
         """Starts the session at an instant: frame of the base, priors of the constants."""
         views = self._settings.views
@@ -274,12 +270,7 @@ class SpaceFilter:
         self._start = _Start(reference, PoseError(prior, reference) if prior else None, {})
         self._share, self._waited_s, self._lost_s, self._last = self._contact_share, math.inf, 0.0, {}
 
-    def _problem(
-        self,
-        lines: Mapping[str, ShownLine],
-        cameras: Mapping[str, FloatArray],
-        advance_m: float,
-    ) -> Problem:
+    def _problem(self, lines: Mapping[str, ShownLine], cameras: Mapping[str, FloatArray], advance_m: float) -> Problem:
         assert self.constants is not None
         assert self._start is not None
         information = np.zeros_like(self.constants.covariance)
