@@ -12,6 +12,8 @@ from ..session import POINTS
 _ISOCENTRE = np.array([0.0, 0.0, 0.0, 1.0])
 _NEAR_ORIGIN = 1e-3
 """Weight of the origin of the projections' frame, where the rays leave a direction open."""
+_MOST_BACK = 0.2
+"""The clamp is at most this share of the length away from the first detected point."""
 _LEAST_SINE = 0.1
 """Smallest sine of the angle between two planes that give a direction together."""
 
@@ -32,14 +34,14 @@ class ViewLine:
 
     @classmethod
     def of(cls, centreline: CentrelinePx) -> "ViewLine":
-        """Returns the line of a detected centreline."""
+        """Returns `POINTS` points and normals of a detected centreline, evenly spaced in its points' index."""
         points = centreline.points
-        at = np.rint(np.linspace(0.0, len(points) - 1.0, POINTS)).astype(np.int64)
-        tangents = np.gradient(points, axis=0, edge_order=2 if len(points) > 2 else 1)[at]
+        sampled = np.rint(np.linspace(0.0, len(points) - 1.0, POINTS)).astype(np.int64)
+        tangents = np.gradient(points, axis=0, edge_order=2 if len(points) > 2 else 1)[sampled]
         tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        length_px = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         normals = np.column_stack([-tangents[:, 1], tangents[:, 0]])
-        return cls(np.ascontiguousarray(points[at]), np.ascontiguousarray(normals), length)
+        return cls(np.ascontiguousarray(points[sampled]), np.ascontiguousarray(normals), length_px)
 
     @property
     def tangents(self) -> FloatArray:
@@ -90,7 +92,10 @@ def toward_viewer(camera: FloatArray, point_m: FloatArray) -> FloatArray:
 
 
 def axes_of_image(camera: FloatArray) -> FloatArray:
-    """Returns the image's right, its down and the viewing direction in columns (3, 3), at the origin."""
+    """Returns three unit vectors in columns (3, 3): to the right in the image, down in it, and the viewing direction.
+
+    They hold at the origin of the projection's frame, and are in that frame.
+    """
     ahead = -toward_viewer(camera, np.zeros(3))
     right = _gradients(camera, np.zeros(3))[0]
     right -= (right @ ahead) * ahead
@@ -99,16 +104,22 @@ def axes_of_image(camera: FloatArray) -> FloatArray:
 
 
 def _meeting_point(cameras: Sequence[FloatArray], pixels: Sequence[FloatArray]) -> tuple[FloatArray, float]:
-    """Returns the point (3,) that is shown nearest to one pixel of each view, and its misfit in px."""
-    rows, sides = [np.eye(3) * _NEAR_ORIGIN], [np.zeros(3)]
+    """Triangulates a point by least squares: the point (3,) in m whose images are nearest to a pixel of each view.
+
+    With one view the ray leaves the depth open; the weak weight of the origin (`_NEAR_ORIGIN`) then decides it.
+
+    Returns:
+        The point, and the misfit in px.
+    """
+    equations, sides = [np.eye(3) * _NEAR_ORIGIN], [np.zeros(3)]
     for camera, pixel in zip(cameras, pixels, strict=True):
-        matrix = camera[:2] - np.outer(pixel, camera[2])
-        matrix = matrix / (camera[2] @ _ISOCENTRE)
-        rows.append(matrix[:, :3])
-        sides.append(-matrix[:, 3])
-    a, b = np.vstack(rows), np.concatenate(sides)
-    found = np.asarray(np.linalg.lstsq(a, b, rcond=None)[0], np.float64)
-    return found, float(np.linalg.norm((a @ found - b)[3:]))
+        rays = camera[:2] - np.outer(pixel, camera[2])
+        rays = rays / (camera[2] @ _ISOCENTRE)  # residuals in px at the depth of the origin
+        equations.append(rays[:, :3])
+        sides.append(-rays[:, 3])
+    matrix, side = np.vstack(equations), np.concatenate(sides)
+    point_m = np.asarray(np.linalg.lstsq(matrix, side, rcond=None)[0], np.float64)
+    return point_m, float(np.linalg.norm((matrix @ point_m - side)[3:]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,9 +135,9 @@ class Reference:
 
     @classmethod
     def of(cls, cameras: list[FloatArray], lines: list[ViewLine], length_m: float, viewer: FloatArray) -> "Reference":
-        """Returns the frame of the base, as far as the lines of the first instant show it.
+        """Returns the frame of the base by the lines of the first instant, without an estimate of its error.
 
-        The base frame that `SessionInfo` means: x along the base tangent, z to the camera of the first view.
+        x is along the base tangent, z points to the camera of the first view.
 
         Args:
             cameras: (3, 4) projections of the views that show a line.
@@ -136,22 +147,24 @@ class Reference:
         """
         first = lines[0]
         base = _meeting_point(cameras[:1], [first.points[0]])[0]
-        if len(lines) > 1:  # the point of the second line that the first one's base may be
-            met = [_meeting_point(cameras[:2], [first.points[0], point]) for point in lines[1].points]
-            base = min(met, key=lambda each: each[1])[0]
-        scale_px_per_m = float(np.linalg.norm(_gradients(cameras[0], base), axis=1).mean())
+        if len(lines) > 1:  # the two lines may begin at different points: find the one that fits the first line's base
+            points = [_meeting_point(cameras[:2], [first.points[0], point]) for point in lines[1].points]
+            base = min(points, key=lambda each: each[1])[0]
+        # the base tangent is in the plane through each camera and its line: the planes' intersection
         planes = [_plane_through(camera, line, base) for camera, line in zip(cameras, lines, strict=True)]
         along = np.cross(planes[0], viewer)
         if len(planes) > 1:
-            both = np.cross(planes[0], planes[1])
-            if np.linalg.norm(both) > _LEAST_SINE:
-                along = both
+            intersection = np.cross(planes[0], planes[1])
+            if np.linalg.norm(intersection) > _LEAST_SINE:
+                along = intersection
         along /= np.linalg.norm(along)
         if (_gradients(cameras[0], base) @ along) @ first.tangents[0] < 0.0:
             along = -along
         across = np.cross(viewer, along)
         across /= np.linalg.norm(across)
-        back_m = max(-0.2 * length_m, min(0.2 * length_m, length_m - first.length_px / scale_px_per_m))
+        # a line that is shorter than the shaft begins in front of the clamp
+        missing_m = length_m - first.length_px / scale_at(cameras[0], base)
+        back_m = max(-_MOST_BACK * length_m, min(_MOST_BACK * length_m, missing_m))
         return cls(base - back_m * along, np.column_stack([along, across, np.cross(along, across)]))
 
 
@@ -172,10 +185,10 @@ def turns(angles_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         (count, 3, 3) rotations, and (count, 3, 3, 3) derivatives, the angle first.
     """
     count = len(angles_rad)
-    parts, slopes = np.zeros((3, count, 3, 3)), np.zeros((3, count, 3, 3))
+    parts, slopes = np.zeros((3, count, 3, 3)), np.zeros((3, count, 3, 3))  # about each axis, and derivatives
     cosine, sine = np.cos(angles_rad), np.sin(angles_rad)
     for axis in range(3):
-        i, j = (axis + 1) % 3, (axis + 2) % 3
+        i, j = (axis + 1) % 3, (axis + 2) % 3  # the axes of the plane that is turned
         parts[axis, :, axis, axis] = 1.0
         parts[axis, :, i, i] = parts[axis, :, j, j] = cosine[:, axis]
         parts[axis, :, j, i], parts[axis, :, i, j] = sine[:, axis], -sine[:, axis]

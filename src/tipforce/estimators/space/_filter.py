@@ -165,7 +165,10 @@ class SpaceFilter:
         self._last: dict[str, tuple[FloatArray, FloatArray]] = {}
 
     def step(self, seen: Mapping[str, ViewShape], knob_deg: float, elapsed_s: float, advance_m: float) -> SpaceResult:
-        """Returns the force at one instant.
+        """Returns the force at one instant, and learns from it.
+
+        In this order: predict lines and constants to this time, fit the rod to the lines, then learn the level of the
+        noise and, from some clear instants, the constants. Lines that exclude each other are read alone, one by one.
 
         Args:
             seen: found shapes by the name of their view; at least one. The line of a view that is absent is predicted.
@@ -176,9 +179,9 @@ class SpaceFilter:
         self._waited_s += elapsed_s
         self._lost_s += elapsed_s
         shown = {
-            view: ShownLine.of(each.shape, each.shape.centreline, each.size_px)
-            for view, each in seen.items()
-            if each.shape.centreline
+            view: ShownLine.of(detected.shape, detected.shape.centreline, detected.size_px)
+            for view, detected in seen.items()
+            if detected.shape.centreline
         }
         lines = self._lines.at_next(elapsed_s, shown)
         first = self._settings.views[0]
@@ -191,14 +194,14 @@ class SpaceFilter:
         assert self.constants is not None
         self.constants.predict(elapsed_s, knob_deg)
         change = 1.0 - math.exp(-elapsed_s / self._settings.contact_s)
-        share = self._share * (1.0 - change) + (1.0 - self._share) * change
+        share = self._share * (1.0 - change) + (1.0 - self._share) * change  # prior probability of contact
         problem = self._problem(lines, cameras, advance_m)
         log_odds = math.log(share / (1.0 - share))
         found = self._solve(problem, log_odds)
         if len(lines) > 1 and found.misfit > _CONFLICT * self._settings.max_misfit:
-            parts = (replace(problem, measurements=[each]) for each in problem.measurements if not each.age_s)
-            alone = (self._solve(part, log_odds) for part in parts)
-            found = next((each for each in alone if self._explained(each)), found)
+            parts = (replace(problem, measurements=[line]) for line in problem.measurements if not line.age_s)
+            by_one_line = (self._solve(part, log_odds) for part in parts)
+            found = next((solution for solution in by_one_line if self._explained(solution)), found)
         if len(lines) > 1:
             together = len(found.measurements) > 1 and self._explained(found)
             self._excluded_s = 0.0 if together else self._excluded_s + elapsed_s
@@ -209,7 +212,7 @@ class SpaceFilter:
         if math.isfinite(found.misfit):
             self._level.add(_USUAL_MISFIT_RATIO * found.misfit, elapsed_s)
         if self._level.factor > _GROWN * self._begun_factor:
-            self._lost_s = math.inf
+            self._lost_s = math.inf  # the next instant begins the session again
         contact = force.contact > 0.5
         clear = abs(force.contact - float(contact)) < _UNCLEAR and (contact or found.free.ok)
         used = tuple(self._settings.views[each.place] for each in found.measurements)
@@ -233,10 +236,12 @@ class SpaceFilter:
         """Whether the constants have a pose of the second view that its stated uncertainty excludes."""
         if self.constants is None or self._pose_prior is None:
             return False
-        own = slice(-POSE_ERRORS, None)
-        return probability_of(self.constants.mean[own], self.constants.covariance[own, own]) < _LEAST_POSE_PROBABILITY
+        pose = slice(-POSE_ERRORS, None)
+        probability = probability_of(self.constants.mean[pose], self.constants.covariance[pose, pose])
+        return probability < _LEAST_POSE_PROBABILITY
 
     def _axes_px(self, problem: Problem) -> dict[str, FloatArray]:
+        """Returns the directions of the base frame's axes in the image of each view that has a line."""
         turn = turns(problem.mean[None, TURN : TURN + 3])[0][0]
         return {self._settings.views[each.place]: base_axes_px(each.camera, turn) for each in problem.measurements}
 
@@ -253,7 +258,14 @@ class SpaceFilter:
     def _begin(
         self, lines: Mapping[str, ShownLine], cameras: Mapping[str, FloatArray], knob_deg: float, advance_m: float
     ) -> None:
-        """Starts the session at an instant: frame of the base, priors of the constants."""
+        """Begins the session, at its first instant or again: finds the frame of the base, sets the constants' priors.
+
+        Args:
+            lines: line of each view.
+            cameras: (3, 4) projection of each view.
+            knob_deg: reading of the knob; NaN: not known.
+            advance_m: advance of the clamp; the origin is where the clamp is at advance 0.
+        """
         views = self._settings.views
         prior = self._pose_prior
         self.constants = Constants(
@@ -271,6 +283,13 @@ class SpaceFilter:
         self._share, self._waited_s, self._lost_s, self._last = self._contact_share, math.inf, 0.0, {}
 
     def _problem(self, lines: Mapping[str, ShownLine], cameras: Mapping[str, FloatArray], advance_m: float) -> Problem:
+        """Returns lines and prior of an instant as the problem of its posterior, with the noise of each line.
+
+        Args:
+            lines: line of each view; one that is older than this instant is predicted and has more noise.
+            cameras: (3, 4) projection of each view.
+            advance_m: advance of the clamp.
+        """
         assert self.constants is not None
         assert self._start is not None
         information = np.zeros_like(self.constants.covariance)
@@ -286,9 +305,10 @@ class SpaceFilter:
             shown = lines[view]
             line = shown.line
             camera = self._start.reference.camera(cameras[view])
+            # errors grow with the blur in pixels: a finer image than that in which they were measured has larger ones
             unit_px = max(1.0, self._shapes.rod.length_m * scale_at(camera, np.zeros(3)) / _PIXELS)
             error = LineError.of(self._settings.noise, MODES, self._level.factor)
-            modes = self._start.modes_px.setdefault(view, error.modes)
+            modes = self._start.modes_px.setdefault(view, error.modes)  # their amplitudes are unknowns of the session
             error = replace(error, modes=modes).beside(shown.stated, 1.0 / unit_px)
             middle = 0.5 * (np.array(shown.size_px) - 1.0)
             slopes = error_slopes(line.points, line.normals, middle, error.modes * unit_px)
@@ -299,14 +319,21 @@ class SpaceFilter:
                 q, shape = self._last.get("touch") or self._last.get("free") or (
                     problem.mean, self._shapes.unloaded(1)[0],
                 )  # fmt: skip
-                moved = force_slopes(problem, measurement, q, shape)
-                whiten = whitened_with_motion(whiten, moved, shown.force_change_n(self._settings))
+                motion_per_n = force_slopes(problem, measurement, q, shape)
+                whiten = whitened_with_motion(whiten, motion_per_n, shown.force_change_n(self._settings))
                 measurement = replace(measurement, whiten=whiten)
             measurements.append(measurement)
         return problem
 
     def _fit(self, problem: Problem) -> tuple[Fit, Fit | None, list[Nodes]]:
-        """Fits without and with a force; where one view shows this instant, also from the mirror image of the force."""
+        """Fits the rod without and with a force, and lays a grid of forces about each minimum with a force.
+
+        A fit with a force starts from the last shape, then from others until it explains the lines. One view alone
+        does not show on which side of its image's plane the force is: there a fit starts from the mirror image, too.
+
+        Returns:
+            The fit without a force; that with one, None where there is none; the grids.
+        """
         unloaded = self._shapes.unloaded(1)[0]
         start, shape = self._last.get("free", (problem.mean, unloaded))
         free = fit(problem, start, shape, contact=False)
@@ -325,54 +352,58 @@ class SpaceFilter:
         if touch is None:
             self._last.pop("touch", None)
             return free, None, []
-        largest = self._settings.prior.largest_force_n
+        largest_n = self._settings.prior.largest_force_n
         # the mirror image is excluded by lines of two views at this instant only
-        alone = sum(not each.age_s for each in problem.measurements) == 1
-        other = self._mirrored(problem, touch) if alone else None
-        if other is not None and other.cost < touch.cost - 1.0:  # the first fit has not reached its minimum
-            touch = self._mirrored(problem, other) or touch
+        alone = sum(not line.age_s for line in problem.measurements) == 1
+        mirror = self._mirrored(problem, touch) if alone else None
+        if mirror is not None and mirror.cost < touch.cost - 1.0:  # the first fit has not reached its minimum
+            touch = self._mirrored(problem, mirror) or touch
         self._last["touch"] = touch.q, touch.quaternions
-        nodes = lay_grid(problem, touch, largest)
-        more = None if other is None else lay_grid(problem, other, largest)
-        if nodes is not None and more is not None and other is not None:
-            return free, touch, _each_on_its_side(nodes, more, touch.q[:FORCE], other.q[:FORCE])
-        return free, touch, [each for each in (nodes, more) if each is not None]
+        nodes = lay_grid(problem, touch, largest_n)
+        mirror_nodes = None if mirror is None else lay_grid(problem, mirror, largest_n)
+        if nodes is not None and mirror_nodes is not None and mirror is not None:
+            return free, touch, _each_on_its_side(nodes, mirror_nodes, touch.q[:FORCE], mirror.q[:FORCE])
+        return free, touch, [grid for grid in (nodes, mirror_nodes) if grid is not None]
 
     def _explains(self, found: Fit, problem: Problem) -> bool:
         return found.chi2 <= self._settings.max_misfit * problem.rows
 
     def _mirrored(self, problem: Problem, touch: Fit) -> Fit | None:
-        """Returns the fit on the other side of the image's plane; None where there is no separate one."""
-        shown = next(each for each in problem.measurements if not each.age_s)
+        """Returns a second fit, from the force mirrored in the image's plane; None where there is no separate one.
+
+        Args:
+            problem: lines and prior; the image is that of the first view that shows this instant.
+            touch: the first fit.
+        """
+        shown = next(line for line in problem.measurements if not line.age_s)
         depth = toward_viewer(shown.camera, np.zeros(3))
         start = problem.mean.copy()
         force = touch.q[:FORCE]
         start[:FORCE] = force - 2.0 * (force @ depth) * depth
         quaternions = touch.quaternions.copy()
         quaternions[:, 1:3] *= -1.0  # a start only: the mirror image in the plane z = 0 of the base
-        other = fit(problem, start, quaternions, contact=True)
-        if not other.ok:
+        mirror = fit(problem, start, quaternions, contact=True)
+        if not mirror.ok:
             return None
-        apart = other.q[:FORCE] - force
-        std = math.sqrt(max(1e-12, float(depth @ np.linalg.inv(touch.matrix)[:FORCE, :FORCE] @ depth)))
-        return other if abs(apart @ depth) > _APART * std else None
+        distance_n = mirror.q[:FORCE] - force
+        std_n = math.sqrt(max(1e-12, float(depth @ np.linalg.inv(touch.matrix)[:FORCE, :FORCE] @ depth)))
+        return mirror if abs(distance_n @ depth) > _APART * std_n else None
 
 
 def _each_on_its_side(first: Nodes, second: Nodes, first_n: FloatArray, second_n: FloatArray) -> list[Nodes]:
-    """Returns both grids, each with the nodes that are nearer to its own force."""
-    kept: list[Nodes] = []
-    for nodes, own, other in ((first, first_n, second_n), (second, second_n, first_n)):
-        middle, away = 0.5 * (own + other), own - other
-        here = (nodes.q[:, :FORCE] - middle) @ away > 0.0
-        if here.any():
-            kept.append(
-                replace(
-                    nodes,
-                    q=nodes.q[here],
-                    cost=nodes.cost[here],
-                    covariance=nodes.covariance[here],
-                    log_weight=nodes.log_weight[here],
-                    tip_axis=nodes.tip_axis[here],
-                )
-            )
-    return kept
+    """Returns two grids without overlap: each keeps the nodes that are nearer to its own best force.
+
+    Args:
+        first: a grid.
+        second: another one.
+        first_n: (3,) best force of the first one, N.
+        second_n: (3,) that of the second one.
+    """
+    grids: list[Nodes] = []
+    for nodes, own_n, other_n in ((first, first_n, second_n), (second, second_n, first_n)):
+        middle_n, toward_own = 0.5 * (own_n + other_n), own_n - other_n
+        nearer = (nodes.q[:, :FORCE] - middle_n) @ toward_own > 0.0
+        if nearer.any():
+            arrays = ("q", "cost", "covariance", "log_weight", "tip_axis")
+            grids.append(replace(nodes, **{name: getattr(nodes, name)[nearer] for name in arrays}))
+    return grids

@@ -47,6 +47,8 @@ class SpaceForce(NamedTuple):
 
 
 class _Samples(NamedTuple):
+    """``points`` (n, 3) of the force, N; their weights without (``flat``) and with its prior; the node of each."""
+
     points: FloatArray
     flat: FloatArray
     weight: FloatArray
@@ -54,7 +56,16 @@ class _Samples(NamedTuple):
 
 
 def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
-    """Returns points (n, 3) of the force, their flat and their prior's weights, and the node of each."""
+    """Returns weighted points of the force: at each node of a grid, Gauss-Hermite points in the free directions.
+
+    The prior of the force is uniform in its magnitude, in the angle to the tip's axis, and about this axis; it allows
+    pushes only. As a density in space it is infinite at no force and along the axis: `_NEAR_NOTHING` limits it.
+
+    Args:
+        nodes: the fitted nodes; in the other directions of ``nodes.basis`` the force is fixed at each of them.
+        best: logarithm of a density that the weights are relative to.
+        largest_n: the prior of the force ends here.
+    """
     free = FORCE - nodes.held
     covariance = nodes.basis.T @ nodes.covariance[:, :FORCE, :FORCE] @ nodes.basis
     root = np.linalg.cholesky(covariance[:, :free, :free] + 1e-14 * np.eye(free))
@@ -65,12 +76,11 @@ def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
     size = np.linalg.norm(points, axis=1)
     axial = np.einsum("psk,pk->ps", points.reshape(len(nodes.q), -1, FORCE), nodes.tip_axis).ravel()
     flat = (np.exp(nodes.log_weight - best)[:, None] * share).ravel() * (size <= largest_n)
-    wide = nodes.spacing ** (1.0 / nodes.held)
-    across = np.sqrt(np.einsum("pkk->p", covariance[:, :free, :free]) / free)
-    near2 = np.repeat((_NEAR_NOTHING * wide) ** 2 + 0.25 * across**2, len(unit))
-    # uniform in magnitude, in the angle to the tip's axis, and about it
-    across2 = np.maximum(size**2 - axial**2, 0.0)
-    prior = 1.0 / (math.pi**2 * largest_n * np.sqrt((size**2 + near2) * (across2 + near2)))
+    node_width_n = nodes.spacing ** (1.0 / nodes.held)
+    free_std_n = np.sqrt(np.einsum("pkk->p", covariance[:, :free, :free]) / free)
+    least2 = np.repeat((_NEAR_NOTHING * node_width_n) ** 2 + 0.25 * free_std_n**2, len(unit))
+    lateral2 = np.maximum(size**2 - axial**2, 0.0)
+    prior = 1.0 / (math.pi**2 * largest_n * np.sqrt((size**2 + least2) * (lateral2 + least2)))
     # the volume of a node, and of the Gaussian across it; the other unknowns are the same with and without a force
     volume = nodes.spacing * (2.0 * math.pi) ** (0.5 * free)
     weight = flat * volume * prior * (axial < 0.0)
@@ -80,7 +90,9 @@ def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
 def mixed_force(
     grids: Sequence[Nodes], free: Fit, log_odds: float, largest_n: float
 ) -> tuple[SpaceForce, list[FloatArray]]:
-    """Returns the force over contact and none, and the flat shares of the nodes of each grid.
+    """Returns the force, averaged over contact and no contact, and the nodes' shares for the constants.
+
+    Each hypothesis counts with its prior odds and the integral of its density. No contact is one more point, zero.
 
     The prior of the force counts once, for the force of this instant. For the constants its prior is flat, pulls
     included: one that prefers some forces, counted again with every instant, would draw the constants to where all
@@ -95,30 +107,31 @@ def mixed_force(
     best = max((float(nodes.log_weight.max()) for nodes in grids), default=-math.inf)
     parts = [_samples(nodes, best, largest_n) for nodes in grids]
     total = sum(float(part.weight.sum()) for part in parts)
-    none = -free.cost - 0.5 * free.log_det if free.ok else -math.inf
+    contact = 0.0
     if total > 0.0:
-        odds = math.log(total) + best - none + log_odds if free.ok else math.inf
-        contact = 1.0 / (1.0 + math.exp(-max(-60.0, min(60.0, odds))))
-    else:
-        contact = 0.0
+        posterior_log_odds = math.inf
+        if free.ok:
+            posterior_log_odds = math.log(total) + best - (-free.cost - 0.5 * free.log_det) + log_odds
+        contact = 1.0 / (1.0 + math.exp(-max(-60.0, min(60.0, posterior_log_odds))))
     points = np.concatenate([*(part.points for part in parts), np.zeros((1, FORCE))])
     shares = np.concatenate([*(part.weight * (contact / total if total > 0.0 else 0.0) for part in parts), [0.0]])
     shares[-1] = 1.0 - contact
     mean = shares @ points
-    spread = (points - mean).T @ ((points - mean) * shares[:, None])
+    covariance = (points - mean).T @ ((points - mean) * shares[:, None])
     values = np.column_stack([points, np.linalg.norm(points, axis=1)])
     ends = np.array([_ends(column, shares) for column in values.T])
     low, high = ends[:, 0], ends[:, 1]
     if contact > 0.0:
         _widen_by_profile(grids, free, largest_n, low, high)
     flat = [np.bincount(part.of_node, part.flat, len(nodes.q)) for part, nodes in zip(parts, grids, strict=True)]
-    whole = sum(float(each.sum()) for each in flat)
+    total_flat = sum(float(weights.sum()) for weights in flat)
     modes = sum(float(part.weight.sum()) > _MODE_SHARE * total for part in parts) if total > 0.0 else 0
-    return SpaceForce(mean, spread, contact, low, high, modes), [each / max(whole, 1e-300) for each in flat]
+    force = SpaceForce(mean, covariance, contact, low, high, modes)
+    return force, [weights / max(total_flat, 1e-300) for weights in flat]
 
 
 def _ends(values: FloatArray, shares: FloatArray) -> tuple[float, float]:
-    """Returns the 5 and 95 % quantiles of points with ``shares``, linear between their middles."""
+    """Returns the 5 and 95 % quantiles of weighted points, linear between them; half of a share is below its point."""
     order = np.argsort(values)
     order = order[shares[order] > 0.0]
     middles = np.cumsum(shares[order]) - 0.5 * shares[order]
@@ -132,27 +145,36 @@ def _widen_by_profile(grids: Sequence[Nodes], free: Fit, largest_n: float, low: 
     Where the shape shows nothing of a force the prior alone would decide, in favour of no contact. Where a grid ends on
     a push that explains the lines, because the rod alone would buckle under more, larger pushes are not excluded: a
     tissue that holds the tip may carry them.
+
+    Args:
+        grids: fitted grids.
+        free: the fit without a force.
+        largest_n: no force is larger.
+        low: (4,) lower ends for fx, fy, fz and the magnitude, N; changed in place.
+        high: (4,) upper ends; changed in place.
     """
     best = min([free.cost if free.ok else math.inf, *(float(nodes.cost.min()) for nodes in grids)])
     if free.ok and free.cost <= best + _PROFILE:
         low[:], high[:] = np.minimum(low, 0.0), np.maximum(high, 0.0)
     for nodes in grids:
-        left = best + _PROFILE - nodes.cost
+        spare_cost = best + _PROFILE - nodes.cost
         covariance = nodes.covariance[:, :FORCE, :FORCE]
-        reach = np.sqrt(2.0 * np.maximum(left, 0.0))[:, None] * np.sqrt(np.einsum("pkk->pk", covariance))
+        # about a node the cost is quadratic: it rises by 0.5 (distance / std)^2
+        reach = np.sqrt(2.0 * np.maximum(spare_cost, 0.0))[:, None] * np.sqrt(np.einsum("pkk->pk", covariance))
         force = nodes.q[:, :FORCE]
         size = np.linalg.norm(force, axis=1)
         pushes = (np.einsum("pk,pk->p", force, nodes.tip_axis) < 0.0) & (size <= largest_n)
-        use = pushes & (left >= 0.0)
+        use = pushes & (spare_cost >= 0.0)
         if use.any():
             direction = force / np.maximum(size, 1e-9)[:, None]
-            out = np.sqrt(np.einsum("pa,pab,pb->p", direction, covariance, direction) * 2.0 * np.maximum(left, 0.0))
-            below = np.column_stack([force - reach, np.maximum(size - out, 0.0)])[use]
-            above = np.column_stack([force + reach, size + out])[use]
+            variance = np.einsum("pa,pab,pb->p", direction, covariance, direction)  # of the magnitude
+            size_reach = np.sqrt(variance * 2.0 * np.maximum(spare_cost, 0.0))
+            below = np.column_stack([force - reach, np.maximum(size - size_reach, 0.0)])[use]
+            above = np.column_stack([force + reach, size + size_reach])[use]
             low[:], high[:] = np.minimum(low, below.min(axis=0)), np.maximum(high, above.max(axis=0))
-            last = int(np.argmax(np.where(pushes, size, -1.0)))
-            if use[last] and size[last] + nodes.spacing ** (1.0 / nodes.held) < largest_n:
-                end = np.append(direction[last] * largest_n, largest_n)
+            largest = int(np.argmax(np.where(pushes, size, -1.0)))  # the push on which the grid ends
+            if use[largest] and size[largest] + nodes.spacing ** (1.0 / nodes.held) < largest_n:
+                end = np.append(direction[largest] * largest_n, largest_n)
                 low[:], high[:] = np.minimum(low, end), np.maximum(high, end)
 
 
@@ -160,6 +182,8 @@ def mixed_constants(
     grids: Sequence[Nodes], shares: Sequence[FloatArray], free: Fit, *, contact: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Returns mean (unknowns,) and covariance (unknowns, unknowns) of the unknowns, in contact or without.
+
+    In contact they are the moments of a mixture: each node has a Gaussian and a share.
 
     Args:
         grids: fitted grids.
@@ -174,6 +198,6 @@ def mixed_constants(
     q = np.concatenate([nodes.q for nodes in grids])
     share = np.concatenate(list(shares))
     mean = share @ q
-    apart = q - mean
-    inner = np.einsum("p,pij->ij", share, np.concatenate([nodes.covariance for nodes in grids]))
-    return mean, inner + (apart * share[:, None]).T @ apart
+    from_mean = q - mean
+    within_nodes = np.einsum("p,pij->ij", share, np.concatenate([nodes.covariance for nodes in grids]))
+    return mean, within_nodes + (from_mean * share[:, None]).T @ from_mean

@@ -90,17 +90,21 @@ class LineMemory:
         return dict(shown) | dict(self._predicted(shown))
 
     def _predicted(self, shown: Mapping[str, ShownLine]) -> Iterator[tuple[str, ShownLine]]:
+        """Yields the predicted line of each view that is not ``shown``: its last line, moved on at its last speed.
+
+        Without a usable line before, the last line is yielded where it was. Old lines are left out.
+        """
         for view, lines in self._lines.items():
-            at_s, last = lines[-1]
-            age_s = self._now_s - at_s
+            last_s, last = lines[-1]
+            age_s = self._now_s - last_s
             if view in shown or age_s > MAX_LINE_AGE_S:
                 continue
-            before_s, before = lines[0]
-            interval_s = at_s - before_s
-            if len(lines) < 2 or interval_s > MAX_LINE_AGE_S or not _same_points(before, last):
+            previous_s, previous = lines[0]
+            interval_s = last_s - previous_s
+            if len(lines) < 2 or interval_s > MAX_LINE_AGE_S or not _same_points(previous, last):
                 yield view, ShownLine(last.line, last.stated, last.size_px, age_s)
                 continue
-            points = last.line.points + (last.line.points - before.line.points) * (age_s / interval_s)
+            points = last.line.points + (last.line.points - previous.line.points) * (age_s / interval_s)
             yield view, ShownLine(ViewLine.of(CentrelinePx(points)), last.stated, last.size_px, age_s, interval_s)
 
 

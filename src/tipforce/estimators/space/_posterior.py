@@ -119,7 +119,10 @@ class Linear:
 
 
 def _parameters(problem: Problem, q: FloatArray) -> FloatArray:
-    """Returns the parameters (count, `SHAPE`) of the rod at points (count, unknowns) of the unknowns."""
+    """Returns the parameters (count, `SHAPE`) of the rod at points (count, unknowns) of the unknowns.
+
+    The knob, and the lever of the force at the tip, have the effect of a curvature: they add to that of the rod.
+    """
     parameters = q[:, :SHAPE].copy()
     lever_per_m = problem.lever_per_m_n * np.linalg.norm(q[:, :FORCE], axis=1)
     parameters[:, BEND_Y] += lever_per_m * q[:, LEVER]
@@ -128,22 +131,22 @@ def _parameters(problem: Problem, q: FloatArray) -> FloatArray:
     return parameters
 
 
-def force_slopes(problem: Problem, each: Measurement, q: FloatArray, quaternions: FloatArray) -> FloatArray:
+def force_slopes(problem: Problem, view: Measurement, q: FloatArray, quaternions: FloatArray) -> FloatArray:
     """Returns the derivatives (points + 1, 3) of a line's residuals by the force, in px/N.
 
     Args:
         problem: lines and prior.
-        each: the line.
+        view: the line.
         q: (unknowns,) a point of the unknowns.
         quaternions: (elements, 4) start of the shape; it is not changed.
     """
     nodes, node_slopes, _ = problem.shapes.solve(_parameters(problem, q[None]), quaternions[None].copy())
     turn, turn_slopes = turns(q[None, TURN : TURN + 3])
     position = q[None, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0]
-    rows = len(each.line.points) + 1
+    rows = len(view.line.points) + 1
     residual, slopes = np.empty((1, rows)), np.empty((1, rows, RATES))
     residuals(
-        nodes, node_slopes, position, turn, turn_slopes, each.camera, each.line.points, each.line.normals,
+        nodes, node_slopes, position, turn, turn_slopes, view.camera, view.line.points, view.line.normals,
         residual, slopes,
     )  # fmt: skip
     return slopes[0, :, :FORCE]
@@ -152,7 +155,10 @@ def force_slopes(problem: Problem, each: Measurement, q: FloatArray, quaternions
 def linearise(
     problem: Problem, q: FloatArray, quaternions: FloatArray, parents: IntArray | None = None, *, contact: bool = True
 ) -> Linear:
-    """Computes the normal equations.
+    """Computes cost and normal equations (Gauss-Newton) of prior and lines at several points of the unknowns.
+
+    The slopes of the residuals by the rod's shape and base come from `residuals`; those by knob, lever, pose and errors
+    of a view follow by the chain rule. Huber's loss limits outliers.
 
     Args:
         problem: lines and prior.
@@ -166,51 +172,52 @@ def linearise(
     """
     count, size = q.shape
     parameters = _parameters(problem, q)
-    force = np.linalg.norm(q[:, :FORCE], axis=1)
+    force_n = np.linalg.norm(q[:, :FORCE], axis=1)
     lever = problem.lever_per_m_n
-    knob = problem.gain_per_m_deg * problem.knob_deg
+    knob_curvature_per_m = problem.gain_per_m_deg * problem.knob_deg
     possible = problem.shapes.is_possible(parameters)
+    # all points are solved together: an impossible one takes other parameters here, and an infinite cost below
     parameters[~possible] = parameters[possible][0] if possible.any() else 0.0
     nodes, node_slopes, stable = problem.shapes.solve(parameters, quaternions, parents)
     turn, turn_slopes = turns(q[:, TURN : TURN + 3])
     rod = PlacedRod(q[:, POSITION : POSITION + 3] + problem.advance_m * turn[:, :, 0], turn, turn_slopes)
-    apart = q - problem.mean
+    from_mean = q - problem.mean
     matrix = np.tile(problem.information, (count, 1, 1))
-    side = -apart @ problem.information
-    cost = -0.5 * np.einsum("pk,pk->p", side, apart)
+    side = -from_mean @ problem.information
+    cost = -0.5 * np.einsum("pk,pk->p", side, from_mean)
     chi2 = np.zeros(count)
-    direction = q[:, :FORCE] / np.maximum(force, 1e-9)[:, None]
-    for each in problem.measurements:
-        rows = len(each.line.points) + 1
-        seen, moved = (rod, None) if each.pose is None else each.pose.seen(q[:, -POSE_ERRORS:], rod)
-        residual, shape_slopes = np.empty((count, rows)), np.empty((count, rows, TURN + seen.turn_slopes.shape[1]))
+    direction = q[:, :FORCE] / np.maximum(force_n, 1e-9)[:, None]
+    for view in problem.measurements:
+        rows = len(view.line.points) + 1
+        shown, pose_slopes = (rod, None) if view.pose is None else view.pose.seen(q[:, -POSE_ERRORS:], rod)
+        residual, shape_slopes = np.empty((count, rows)), np.empty((count, rows, TURN + shown.turn_slopes.shape[1]))
         residuals(
-            nodes, node_slopes, seen.position, seen.turn, seen.turn_slopes, each.camera, each.line.points,
-            each.line.normals, residual, shape_slopes,
+            nodes, node_slopes, shown.position, shown.turn, shown.turn_slopes, view.camera, view.line.points,
+            view.line.normals, residual, shape_slopes,
         )  # fmt: skip
         slopes = np.zeros((count, rows, size))
-        if moved is not None:
-            by_position = shape_slopes[:, :, POSITION:TURN] @ moved.transpose(0, 2, 1)
+        if pose_slopes is not None:  # an error of the pose moves the rod in front of the view, and turns it
+            by_position = shape_slopes[:, :, POSITION:TURN] @ pose_slopes.transpose(0, 2, 1)
             slopes[:, :, -POSE_ERRORS:] = by_position[:, :, :POSE_ERRORS]
             slopes[:, :, -POSE_ERRORS : size - 3] += shape_slopes[:, :, RATES:]
             shape_slopes = np.concatenate(
                 [shape_slopes[:, :, :POSITION], by_position[:, :, POSE_ERRORS:], shape_slopes[:, :, TURN:RATES]], axis=2
             )
         slopes[:, :, :RATES] = shape_slopes
-        slopes[:, :, GAIN] = knob * shape_slopes[:, :, BEND_Z]
-        for k, bend in enumerate((BEND_Y, BEND_Z)):
-            slopes[:, :, LEVER + k] = lever * force[:, None] * shape_slopes[:, :, bend]
-            share = lever * q[:, LEVER + k, None] * shape_slopes[:, :, bend]
-            slopes[:, :, :FORCE] += share[:, :, None] * direction[:, None, :]
-        own = errors_of_view(each.place)
-        slopes[:, :, own] = each.error_slopes
-        white = (residual + q[:, own] @ each.error_slopes.T) @ each.whiten.T
-        grown = np.abs(white)
-        within = grown <= problem.huber
-        cost += np.where(within, 0.5 * white**2, problem.huber * (grown - 0.5 * problem.huber)).sum(axis=1)
+        slopes[:, :, GAIN] = knob_curvature_per_m * shape_slopes[:, :, BEND_Z]
+        for k, bend in enumerate((BEND_Y, BEND_Z)):  # the lever acts as a curvature, which grows with the force
+            slopes[:, :, LEVER + k] = lever * force_n[:, None] * shape_slopes[:, :, bend]
+            per_n = lever * q[:, LEVER + k, None] * shape_slopes[:, :, bend]
+            slopes[:, :, :FORCE] += per_n[:, :, None] * direction[:, None, :]
+        view_errors = errors_of_view(view.place)
+        slopes[:, :, view_errors] = view.error_slopes
+        white = (residual + q[:, view_errors] @ view.error_slopes.T) @ view.whiten.T
+        magnitude = np.abs(white)
+        within = magnitude <= problem.huber
+        cost += np.where(within, 0.5 * white**2, problem.huber * (magnitude - 0.5 * problem.huber)).sum(axis=1)
         chi2 += (white**2).sum(axis=1)
-        weight = np.sqrt(np.where(within, 1.0, problem.huber / np.maximum(grown, 1e-9)))
-        whitened = (each.whiten @ slopes) * weight[:, :, None]
+        weight = np.sqrt(np.where(within, 1.0, problem.huber / np.maximum(magnitude, 1e-9)))
+        whitened = (view.whiten @ slopes) * weight[:, :, None]
         transposed = whitened.transpose(0, 2, 1)
         matrix += transposed @ whitened
         side -= (transposed @ (weight * white)[:, :, None])[:, :, 0]
@@ -251,7 +258,9 @@ class Fit:
 
 
 def fit(problem: Problem, start: FloatArray, quaternions: FloatArray, *, contact: bool) -> Fit:
-    """Finds the best point by Levenberg-Marquardt, with a force (about no force, 0.3 N) or without.
+    """Finds the unknowns with the smallest cost by Levenberg-Marquardt, with a force or without.
+
+    With a force, a wide Gaussian about no force (`_START_N`) and a limit on pulls (`_PULL_N`) keep the fit in reach.
 
     Args:
         problem: lines and prior.
@@ -262,52 +271,51 @@ def fit(problem: Problem, start: FloatArray, quaternions: FloatArray, *, contact
     q, shape = start.copy(), quaternions.copy()
     if not contact:
         q[:FORCE] = 0.0
-    info = np.full(FORCE, _START_N**-2 if contact else 0.0)
+    force_information = np.full(FORCE, _START_N**-2 if contact else 0.0)
 
-    pulled = np.zeros((len(q), len(q)))
-
-    def at(point: FloatArray, shape: FloatArray) -> tuple[float, Linear]:
-        found = linearise(problem, point[None], shape[None], contact=contact)
-        matrix, side = found.matrix[0], found.side[0]
-        pull = 0.0
+    def evaluate(point: FloatArray, shape: FloatArray) -> tuple[float, Linear, FloatArray]:
+        """Returns cost, equations, and the information that the limit on pulls adds to the matrix."""
+        linear = linearise(problem, point[None], shape[None], contact=contact)
+        matrix, side = linear.matrix[0], linear.side[0]
+        pull, pull_information = 0.0, np.zeros((len(q), len(q)))
         if contact:
-            matrix[range(FORCE), range(FORCE)] += info
-            side[:FORCE] -= info * point[:FORCE]
-            axis = found.tip_axis[0]
+            matrix[range(FORCE), range(FORCE)] += force_information
+            side[:FORCE] -= force_information * point[:FORCE]
+            axis = linear.tip_axis[0]
             pull = max(0.0, float(axis @ point[:FORCE])) / _PULL_N
-            pulled[:FORCE, :FORCE] = np.outer(axis, axis) / _PULL_N**2 if pull else 0.0
+            pull_information[:FORCE, :FORCE] = np.outer(axis, axis) / _PULL_N**2 if pull else 0.0
             side[:FORCE] -= pull / _PULL_N * axis
         else:
             hold(matrix, side, 0, FORCE)
-        return float(found.cost[0] + 0.5 * info @ point[:FORCE] ** 2 + 0.5 * pull**2), found
+        cost = float(linear.cost[0] + 0.5 * force_information @ point[:FORCE] ** 2 + 0.5 * pull**2)
+        return cost, linear, pull_information
 
-    cost, here = at(q, shape)
-    holds = pulled.copy()
-    damping, gained = 0.0, math.inf
+    cost, linear, pull_information = evaluate(q, shape)
+    damping, decrease = 0.0, math.inf
     for _ in range(_FIT_STEPS):
         if not math.isfinite(cost):
             break
-        matrix = here.matrix[0] + holds
-        step = _solve(matrix + damping * np.diag(np.diag(matrix)), here.side[0])
-        gap = float(step @ here.side[0])
+        matrix = linear.matrix[0] + pull_information
+        step = _solve(matrix + damping * np.diag(np.diag(matrix)), linear.side[0])
+        gap = float(step @ linear.side[0])
         if gap < _SMALL_GAP and damping < 1e-2:
-            gained = gap
+            decrease = gap
             break
         trial_shape = shape.copy()
-        tried, there = at(q + step, trial_shape)
-        if tried <= cost + 1e-9:
-            last, gained = gained, cost - tried
-            q, shape, cost, here, holds = q + step, trial_shape, tried, there, pulled.copy()
+        trial_cost, trial_linear, trial_pull = evaluate(q + step, trial_shape)
+        if trial_cost <= cost + 1e-9:
+            last_decrease, decrease = decrease, cost - trial_cost
+            q, shape, cost, linear, pull_information = q + step, trial_shape, trial_cost, trial_linear, trial_pull
             damping = 0.0 if damping < 1e-3 else 0.2 * damping
-            if max(last, gained) < _LEAST_GAIN:
+            if max(last_decrease, decrease) < _LEAST_GAIN:
                 break
         else:
             damping = max(1e-2, 6.0 * damping)
             if damping > _MOST_DAMPING:
-                gained = 0.0
+                decrease = 0.0
                 break
-    ok = math.isfinite(cost) and gained < _MOST_GAIN
-    return Fit(q, shape, cost, float(here.chi2[0]), here.matrix[0], here.tip_axis[0], ok)
+    ok = math.isfinite(cost) and decrease < _MOST_GAIN
+    return Fit(q, shape, cost, float(linear.chi2[0]), linear.matrix[0], linear.tip_axis[0], ok)
 
 
 def hold(matrix: FloatArray, side: FloatArray, first: int, last: int) -> None:
@@ -334,7 +342,7 @@ class Nodes:
         q: (count, unknowns) the nodes.
         cost: (count,) at each node.
         covariance: (count, unknowns, unknowns) with the held directions fixed; the force in base axes.
-        log_weight: (count,) logarithm of the density, integrated over everything that is not held.
+        log_weight: (count,) logarithm of the density, integrated over all unknowns that are not held.
         tip_axis: (count, 3) axis of the tip.
     """
 
@@ -349,7 +357,10 @@ class Nodes:
 
 
 def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
-    """Fits the nodes of a grid about the best fit.
+    """Fits the nodes of a grid of forces about the best fit.
+
+    The grid is along the direction of the force that the lines show least, and along a second one where its standard
+    deviation is large, too. There the force is fixed ("held") at each node; all other unknowns are fitted.
 
     Args:
         problem: lines and prior.
@@ -359,49 +370,49 @@ def lay_grid(problem: Problem, best: Fit, largest_n: float) -> Nodes | None:
     Returns:
         The nodes; None where none fits.
     """
-    spread = np.linalg.inv(best.matrix)[:FORCE, :FORCE]
-    values, basis = np.linalg.eigh(0.5 * (spread + spread.T))
-    std = np.sqrt(np.maximum(values, 1e-12))
+    covariance = np.linalg.inv(best.matrix)[:FORCE, :FORCE]
+    variances, basis = np.linalg.eigh(0.5 * (covariance + covariance.T))  # the largest last
+    std = np.sqrt(np.maximum(variances, 1e-12))
     held = 2 if std[1] > _LITTLE_N else 1
     step = np.clip(_NODE_STD * std[::-1][:held], _SHORTEST_N, _LONGEST_N[:held])
     counts = (_LONG,) if held == 1 else (_LONG, _SHORT)
     grid = np.stack(np.meshgrid(*[np.arange(-n, n + 1) for n in counts], indexing="ij"), axis=-1).reshape(-1, held)
-    grid = grid[np.argsort(np.abs(grid).sum(axis=1), kind="stable")]
-    # the rest follows the held directions along the minimum; without the prior of the best fit
+    grid = grid[np.argsort(np.abs(grid).sum(axis=1), kind="stable")]  # from the middle outward: parents come first
+    # a start of each node: the other unknowns follow the held force as the minimum of the quadratic cost does
     matrix = _turned(best.matrix.copy(), basis)
     rest = np.ones(len(best.q), np.bool_)
     fixed = np.arange(FORCE - 1, FORCE - 1 - held, -1)
     rest[fixed] = False
     follow = np.linalg.solve(matrix[np.ix_(rest, rest)], -matrix[np.ix_(rest, fixed)])
-    offsets = grid * step
-    turned = np.zeros((len(grid), len(best.q)))
-    turned[:, fixed] = offsets
-    turned[:, rest] = offsets @ follow.T
-    turned[:, :FORCE] = turned[:, :FORCE] @ basis.T
-    q = best.q + turned
+    held_n = grid * step
+    change = np.zeros((len(grid), len(best.q)))
+    change[:, fixed] = held_n
+    change[:, rest] = held_n @ follow.T
+    change[:, :FORCE] = change[:, :FORCE] @ basis.T
+    q = best.q + change
     inside = np.linalg.norm(q[:, :FORCE], axis=1) <= largest_n
     q, grid = q[inside], grid[inside]
     if not len(q):
         return None
-    index = {tuple(each): k for k, each in enumerate(grid.tolist())}
-    parents = np.array([_parent(each, index) for each in grid.tolist()])
+    index = {tuple(position): k for k, position in enumerate(grid.tolist())}
+    parents = np.array([_parent(position, index) for position in grid.tolist()])
     quaternions = np.tile(best.quaternions, (len(q), 1, 1))
     matrix, gap, cost, axis = np.empty(0), np.empty(0), np.empty(0), np.empty(0)
     starts: IntArray | None = parents
     for _ in range(_NODE_STEPS):
-        here = linearise(problem, q, quaternions, starts)
-        matrix, side = _turned(here.matrix, basis), here.side
+        linear = linearise(problem, q, quaternions, starts)
+        matrix, side = _turned(linear.matrix, basis), linear.side  # the force in the axes of the grid
         side[:, :FORCE] = side[:, :FORCE] @ basis
         hold(matrix, side, FORCE - held, FORCE)
-        moved = np.zeros_like(q)
-        fine = np.isfinite(here.cost)
-        moved[fine] = _solve(matrix[fine], side[fine])
-        gap = np.einsum("pk,pk->p", moved, side)
-        cost = np.where(fine, here.cost - 0.5 * gap, math.inf)
-        kept = cost < cost.min() + _DEPTH
-        moved[:, :FORCE] = moved[:, :FORCE] @ basis.T
-        q, quaternions, starts = q[kept] + moved[kept], quaternions[kept], None
-        matrix, gap, cost, axis = matrix[kept], gap[kept], cost[kept], here.tip_axis[kept]
+        newton = np.zeros_like(q)
+        possible = np.isfinite(linear.cost)
+        newton[possible] = _solve(matrix[possible], side[possible])
+        gap = np.einsum("pk,pk->p", newton, side)
+        cost = np.where(possible, linear.cost - 0.5 * gap, math.inf)
+        kept = cost < cost.min() + _DEPTH  # the others have a negligible density
+        newton[:, :FORCE] = newton[:, :FORCE] @ basis.T
+        q, quaternions, starts = q[kept] + newton[kept], quaternions[kept], None
+        matrix, gap, cost, axis = matrix[kept], gap[kept], cost[kept], linear.tip_axis[kept]
         if not len(q) or gap.max() < _NODE_GAP:
             break
     fits = gap < _MOST_GAP
@@ -428,7 +439,15 @@ def _turned(matrix: FloatArray, basis: FloatArray) -> FloatArray:
 
 
 def _parent(place: list[int], index: dict[tuple[int, ...], int]) -> int:
-    """Returns the node one nearer to the middle, from whose shape that of ``place`` starts; -1: the best fit's."""
+    """Returns the index of a node's neighbour toward the middle, from whose shape the node's fit starts.
+
+    Args:
+        place: position of the node in the grid, counted from the middle.
+        index: position -> index of all nodes.
+
+    Returns:
+        The index; -1: there is no such node, and the shape of the best fit is the start.
+    """
     nearer = list(place)
     for k in range(len(place)):
         if place[k]:

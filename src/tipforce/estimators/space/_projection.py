@@ -31,7 +31,9 @@ def _project(camera: FloatArray, x: float, y: float, z: float, slope: FloatArray
 def _segment(
     tangent_u: float, tangent_v: float, point: FloatArray, shown: FloatArray
 ) -> tuple[int, float]:  # fmt: skip
-    """Finds where the model passes a detected point.
+    """Finds where the model passes a detected point: crosses the line through it, perpendicular to the detected line.
+
+    Of several such passages the nearest one counts. Without any, the first or the last segment is extended.
 
     Args:
         tangent_u: u of the detected line's direction at the point.
@@ -43,26 +45,27 @@ def _segment(
         The segment, and the share of it before the passage; below 0 or above 1 beyond the ends of the model.
     """
     last = shown.shape[0] - 1
-    best, segment, share = -1.0, -1, 0.0
-    before = tangent_u * (shown[0, 0] - point[0]) + tangent_v * (shown[0, 1] - point[1])
-    first = before
+    nearest2, segment, share = -1.0, -1, 0.0
+    # positions of the nodes along the tangent, relative to the point: the passage is where the sign changes
+    node_along = tangent_u * (shown[0, 0] - point[0]) + tangent_v * (shown[0, 1] - point[1])
+    first_along = node_along
     for j in range(last):
-        after = tangent_u * (shown[j + 1, 0] - point[0]) + tangent_v * (shown[j + 1, 1] - point[1])
-        if before <= 0.0 < after:
-            part = -before / (after - before)
+        next_along = tangent_u * (shown[j + 1, 0] - point[0]) + tangent_v * (shown[j + 1, 1] - point[1])
+        if node_along <= 0.0 < next_along:
+            part = -node_along / (next_along - node_along)
             u = shown[j, 0] + part * (shown[j + 1, 0] - shown[j, 0]) - point[0]
             v = shown[j, 1] + part * (shown[j + 1, 1] - shown[j, 1]) - point[1]
-            away = u * u + v * v
-            if segment < 0 or away < best:
-                best, segment, share = away, j, part
-        before = after
+            distance2 = u * u + v * v
+            if segment < 0 or distance2 < nearest2:
+                nearest2, segment, share = distance2, j, part
+        node_along = next_along
     if segment >= 0:
         return segment, share
-    segment = 0 if first > 0.0 else last - 1
-    ahead = tangent_u * (shown[segment + 1, 0] - shown[segment, 0])
-    ahead += tangent_v * (shown[segment + 1, 1] - shown[segment, 1])
-    away = tangent_u * (shown[segment, 0] - point[0]) + tangent_v * (shown[segment, 1] - point[1])
-    return segment, -away / ahead if abs(ahead) > 1e-9 else 0.0
+    segment = 0 if first_along > 0.0 else last - 1
+    length = tangent_u * (shown[segment + 1, 0] - shown[segment, 0])
+    length += tangent_v * (shown[segment + 1, 1] - shown[segment, 1])
+    start_along = tangent_u * (shown[segment, 0] - point[0]) + tangent_v * (shown[segment, 1] - point[1])
+    return segment, -start_along / length if abs(length) > 1e-9 else 0.0
 
 
 @compiled
@@ -97,10 +100,10 @@ def residuals(
     """
     count, points_count = nodes.shape[1], points.shape[0]
     for p in range(nodes.shape[0]):
-        placed = np.empty((count, 3))
-        shown = np.empty((count, 2))
-        slope = np.empty((2, 3))
-        local = np.empty(3)
+        placed = np.empty((count, 3))  # nodes in the reference frame, m
+        shown = np.empty((count, 2))  # nodes in the image, px
+        slope = np.empty((2, 3))  # derivatives of u and v by x, y and z
+        local = np.empty(3)  # derivatives of a residual by the point in the base frame
         for j in range(count):
             for a in range(3):
                 placed[j, a] = position[p, a]
@@ -120,34 +123,34 @@ def residuals(
             y = placed[j, 1] + share * (placed[j + 1, 1] - placed[j, 1])
             z = placed[j, 2] + share * (placed[j + 1, 2] - placed[j, 2])
             u, v = _project(camera, x, y, z, slope)
+            off_u, off_v = u - points[k, 0], v - points[k, 1]
             if at_tip:
+                residual[p, i] = tangent_u * off_u + tangent_v * off_v
                 weight_u, weight_v = tangent_u, tangent_v
             else:
+                residual[p, i] = normal_u * off_u + normal_v * off_v
+                # the passage slides along the model when the model moves; this turns the direction of the derivative
                 along_u = along_v = 0.0
                 for a in range(3):
                     step = placed[j + 1, a] - placed[j, a]
                     along_u += slope[0, a] * step
                     along_v += slope[1, a] * step
                 size = math.hypot(along_u, along_v) + 1e-12
-                ahead = (tangent_u * along_u + tangent_v * along_v) / size
-                sideways = (normal_u * along_u + normal_v * along_v) / size
-                slide = sideways / max(ahead, _LEAST_ADVANCE)
+                cosine = (tangent_u * along_u + tangent_v * along_v) / size
+                sine = (normal_u * along_u + normal_v * along_v) / size
+                slide = sine / max(cosine, _LEAST_ADVANCE)
                 weight_u, weight_v = normal_u - slide * tangent_u, normal_v - slide * tangent_v
-            off_u, off_v = u - points[k, 0], v - points[k, 1]
-            if at_tip:
-                residual[p, i] = tangent_u * off_u + tangent_v * off_v
-            else:
-                residual[p, i] = normal_u * off_u + normal_v * off_v
+            # derivatives by position, then turn of the base, then the parameters of the shape
             for a in range(3):
                 slopes[p, i, _POSITION + a] = weight_u * slope[0, a] + weight_v * slope[1, a]
             for r in range(turn_slopes.shape[1]):
                 total = 0.0
                 for a in range(3):
-                    moved = 0.0
+                    turned = 0.0
                     for b in range(3):
-                        here = nodes[p, j, b] + share * (nodes[p, j + 1, b] - nodes[p, j, b])
-                        moved += turn_slopes[p, r, a, b] * here
-                    total += slopes[p, i, _POSITION + a] * moved
+                        coordinate = nodes[p, j, b] + share * (nodes[p, j + 1, b] - nodes[p, j, b])
+                        turned += turn_slopes[p, r, a, b] * coordinate
+                    total += slopes[p, i, _POSITION + a] * turned
                 slopes[p, i, _TURN + r] = total
             for b in range(3):
                 local[b] = 0.0
@@ -156,6 +159,6 @@ def residuals(
             for r in range(_SHAPE):
                 total = 0.0
                 for b in range(3):
-                    low, high = node_slopes[p, j, b, r], node_slopes[p, j + 1, b, r]
-                    total += local[b] * (low + share * (high - low))
+                    start, end = node_slopes[p, j, b, r], node_slopes[p, j + 1, b, r]
+                    total += local[b] * (start + share * (end - start))
                 slopes[p, i, r] = total

@@ -34,6 +34,9 @@ class PosePrior:
     def of(cls, info: SessionInfo, views: tuple[str, ...]) -> "PosePrior | None":
         """Returns the prior that the session metadata state; None where there is one view, or nothing is stated.
 
+        The metadata state standard deviations about the axes of each view's image. The errors of both views add up to
+        the error of the second view relative to the first.
+
         Args:
             info: the session metadata.
             views: names of the views.
@@ -67,12 +70,13 @@ def probability_of(mean: FloatArray, covariance: FloatArray) -> float:
         mean: (`POSE_ERRORS`,) posterior mean of the unknowns, whose prior is standard normal.
         covariance: (`POSE_ERRORS`, `POSE_ERRORS`) their posterior covariance.
     """
-    values, vectors = np.linalg.eigh(covariance)
-    shown = values < 1.0 - _SHOWN_SHARE
+    variances, directions = np.linalg.eigh(covariance)
+    shown = variances < 1.0 - _SHOWN_SHARE
     if not shown.any():
         return 1.0
-    along = mean @ vectors[:, shown]
-    return float(chi2.sf(float((along**2 / (1.0 - values[shown])).sum()), int(shown.sum())))
+    error = mean @ directions[:, shown]
+    # before the data, the posterior mean varies by the part of the prior's variance that the data explain
+    return float(chi2.sf(float((error**2 / (1.0 - variances[shown])).sum()), int(shown.sum())))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,22 +118,16 @@ class PoseError:
             (count, `POSE_ERRORS` + 3, 3) derivatives of its position by the unknowns of the pose, and by the position
             of ``placed``.
         """
+        # pose_turn and position: in the frame of the projections; turn: in the reference frame, whose axes are ``axes``
         axes, origin = self.reference.axes, self.reference.origin_m
-        whole, slopes = turns(error[:, :3] @ self.prior.turn_rad.T)
+        pose_turn, slopes = turns(error[:, :3] @ self.prior.turn_rad.T)
         slopes = np.einsum("prab,rk->pkab", slopes, self.prior.turn_rad)
-        here = origin + placed.position @ axes.T
-        whole_slopes = axes.T @ slopes  # (count, 3, 3, 3)
-        moved = (whole @ here[:, :, None])[:, :, 0] + error[:, 3:] @ self.prior.shift_m.T - origin
-        turned = axes.T @ whole @ axes
-        position_slopes = np.concatenate(
-            [
-                np.einsum("pkab,pb->pka", whole_slopes, here),
-                np.tile((axes.T @ self.prior.shift_m).T, (len(error), 1, 1)),
-                turned.transpose(0, 2, 1),
-            ],
-            axis=1,
-        )
-        turn_slopes = np.concatenate(
-            [turned[:, None] @ placed.turn_slopes, whole_slopes @ axes @ placed.turn[:, None]], axis=1
-        )
-        return PlacedRod(moved @ axes, turned @ placed.turn, turn_slopes), position_slopes
+        position = origin + placed.position @ axes.T
+        pose_slopes = axes.T @ slopes  # (count, 3, 3, 3)
+        moved = (pose_turn @ position[:, :, None])[:, :, 0] + error[:, 3:] @ self.prior.shift_m.T - origin
+        turn = axes.T @ pose_turn @ axes
+        by_turn = np.einsum("pkab,pb->pka", pose_slopes, position)
+        by_shift = np.tile((axes.T @ self.prior.shift_m).T, (len(error), 1, 1))
+        position_slopes = np.concatenate([by_turn, by_shift, turn.transpose(0, 2, 1)], axis=1)
+        turn_slopes = np.concatenate([turn[:, None] @ placed.turn_slopes, pose_slopes @ axes @ placed.turn[:, None]], 1)
+        return PlacedRod(moved @ axes, turn @ placed.turn, turn_slopes), position_slopes

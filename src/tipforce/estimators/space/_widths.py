@@ -47,7 +47,10 @@ class SpaceWidths:
     def estimate(
         self, stamp_ns: int, force: SpaceForce, shape: DetectedShape | None, detail: str = ""
     ) -> ForceEstimate:
-        """Returns the estimate of a force; an invalid one where it is implausible.
+        """Returns the estimate of a force; an invalid one where the force is implausibly large.
+
+        The ends of the posterior's 90 % intervals move away from the force by the factors; the covariance grows with
+        them.
 
         Args:
             stamp_ns: stamp of the instant.
@@ -63,27 +66,19 @@ class SpaceWidths:
         low = value - factor * np.maximum(value - force.low_n, least)
         high = value + factor * np.maximum(force.high_n - value, least)
         covariance = force.covariance_n2 + LEAST_STD_N**2 * np.eye(3)
+        covariance *= np.outer(factor[:3], factor[:3])
         return ForceEstimate(
-            stamp_ns=stamp_ns,
-            force_n=force.force_n,
-            known=_KNOWN,
-            covariance_n2=covariance * np.outer(factor[:3], factor[:3]),
-            interval_n=np.column_stack([low[:3], high[:3]]),
-            magnitude_n=size,
-            magnitude_interval_n=np.array([max(0.0, low[3]), high[3]]),
-            status=Status.VALID,
-            detail=detail,
-            contact=force.contact,
-            shape=shape,
-        )
+            stamp_ns, force.force_n, _KNOWN, covariance, np.column_stack([low[:3], high[:3]]), size,
+            np.array([max(0.0, low[3]), high[3]]), Status.VALID, detail, contact=force.contact, shape=shape,
+        )  # fmt: skip
 
 
 def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> SpaceWidths:
-    """Returns the factors that hold 90 % of the errors of ``found``, the estimates of all samples of ``dataset``.
+    """Returns the factors with which the intervals contain 90 % of the true forces (conformal prediction).
 
     Args:
-        found: estimates with the intervals of the posterior.
-        dataset: their samples.
+        found: estimates of all samples, with the intervals of the posterior.
+        dataset: the samples, of sessions that trained nothing.
 
     Raises:
         InputError: no sample has an estimate.
@@ -94,17 +89,13 @@ def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Space
     estimates = [each for each in found if each.valid]
     truth, session = dataset.force_n[valid], dataset.session[valid]
     basis = interval_basis(len(set(session.tolist())), held_out=True)
-    size = np.linalg.norm(np.where(dataset.known, truth, 0.0), axis=1)
-    values = [*([each.force_n[axis] for each in estimates] for axis in range(3)), [e.magnitude_n for e in estimates]]
-    ends = [
-        *([each.interval_n[axis] for each in estimates] for axis in range(3)),
-        [each.magnitude_interval_n for each in estimates],
-    ]
+    # four columns: fx, fy, fz and the magnitude
+    true = np.column_stack([truth, np.linalg.norm(np.where(dataset.known, truth, 0.0), axis=1)])
+    value = np.array([[*each.force_n, each.magnitude_n] for each in estimates])
+    interval = np.array([[*each.interval_n, each.magnitude_interval_n] for each in estimates])
     factors = [1.0, 1.0, 1.0, 1.0]
-    for axis in range(4):
-        if axis == 3 or dataset.known[axis]:
-            true = size if axis == 3 else truth[:, axis]
-            share = errors_over_reach(np.array(values[axis]), np.array(ends[axis]), true)
-            width = conformal_half_width(share, session, basis)
-            factors[axis] = width if math.isfinite(width) else 1.0
+    for k in range(4):
+        if k == 3 or dataset.known[k]:
+            width = conformal_half_width(errors_over_reach(value[:, k], interval[:, k], true[:, k]), session, basis)
+            factors[k] = width if math.isfinite(width) else 1.0  # infinite: too few sessions for 90 %
     return SpaceWidths(tuple(factors), basis.text)

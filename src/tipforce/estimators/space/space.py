@@ -124,11 +124,9 @@ class SpaceStream:
         found = self._pool.map(read, there) if len(there) > 1 else map(read, there)
         return dict(zip(there, found, strict=True))
 
-    def _estimate(self, observation: Observation) -> ForceEstimate:
-        stamp, settings = observation.stamp_ns, self._settings
-        if late := late_frame(stamp, self._stamp_ns):
-            return late
-        seen: dict[str, ViewShape] = {}
+    def _read(self, observation: Observation) -> tuple[dict[str, ViewShape], dict[str, Abstention], float]:
+        """Returns the shape of each view, or the reason why there is none; and the advance of the clamp, m."""
+        shapes: dict[str, ViewShape] = {}
         reasons: dict[str, Abstention] = {}
         advance_m = 0.0
         detected = self._detected(observation)
@@ -138,11 +136,19 @@ class SpaceStream:
                 continue
             found = detected[view]
             if detection.shape is not None:
-                self._shapes[view] = stamp, detection.shape
+                self._shapes[view] = observation.stamp_ns, detection.shape
             if isinstance(found, Abstention):
                 reasons[view] = found
             else:
-                seen[view], advance_m = ViewShape(found.shape, found.size_px), found.advance_m
+                shapes[view], advance_m = ViewShape(found.shape, found.size_px), found.advance_m
+        return shapes, reasons, advance_m
+
+    def _estimate(self, observation: Observation) -> ForceEstimate:
+        """Returns the force at an observation, without the shapes of further views; or the reason of an abstention."""
+        stamp, settings = observation.stamp_ns, self._settings
+        if late := late_frame(stamp, self._stamp_ns):
+            return late
+        seen, reasons, advance_m = self._read(observation)
         first = self._shape(settings.views[0], stamp)
         begins = self._filter.constants is None
         if not seen or (begins and settings.views[0] in reasons):
@@ -151,12 +157,12 @@ class SpaceStream:
             if seen:
                 detail += f" (a session begins with a line in {settings.views[0]}, where the knob bends the shaft)"
             return ForceEstimate.invalid(stamp, abstention.status, detail, first)
-        knob = observation.actuation.get("knob_deg", math.nan)
-        if abstention := actuation_out_of_range(settings, self._info, knob):
+        knob_deg = observation.actuation.get("knob_deg", math.nan)
+        if abstention := actuation_out_of_range(settings, self._info, knob_deg):
             return ForceEstimate.invalid(stamp, abstention.status, abstention.detail, first)
         elapsed_s = 0.0 if self._stamp_ns is None else (stamp - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp
-        found = self._filter.step(seen, knob, elapsed_s, advance_m)
+        found = self._filter.step(seen, knob_deg, elapsed_s, advance_m)
         self._axes_px = found.axes_px
         unfit = too_noisy(settings, found.level) if found.explained else unexplained(settings, found.misfit)
         if unfit:
@@ -240,7 +246,10 @@ class Rod3d(Estimator):
         return (*_NEEDED, *keys)
 
     def obstacle(self, info: SessionInfo) -> str:
-        """See `Estimator.obstacle`; also the reason where the projections of two views have different frames."""
+        """Returns why a session's metadata do not allow an estimate; empty where they do; see `Estimator.obstacle`.
+
+        Two views also need projections in the same frame.
+        """
         if lacking := super().obstacle(info):
             return lacking
         frames = {view: info.view(view).projection_frame for view in self.views}
@@ -254,7 +263,11 @@ class Rod3d(Estimator):
         return self._for((view,))
 
     def for_views(self, there: Iterable[str]) -> Self:
-        """Returns this method for data: where nobody chose views, it reads the first two that are there."""
+        """Returns this method for data with the views ``there``: where nobody chose views, it reads the first two.
+
+        Raises:
+            InputError: a chosen view is absent.
+        """
         names = tuple(there)
         if not names:
             return self
@@ -272,8 +285,8 @@ class Rod3d(Estimator):
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
         """A stream for one session; see `Estimator.start`."""
-        if why := self.obstacle(info):
-            return UninformedStream(why)
+        if reason := self.obstacle(info):
+            return UninformedStream(reason)
         return SpaceStream(self.settings, self.fitted_, info, images)
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
@@ -303,7 +316,11 @@ class Rod3d(Estimator):
         arrays: Mapping[str, npt.NDArray[Any]],
         files: Mapping[str, bytes] | None = None,
     ) -> Self:
-        """The inverse of `state`."""
+        """Makes the fitted method from its saved state, the inverse of `state`.
+
+        Raises:
+            ModelError: the share of contact is not between 0 and 1.
+        """
         del arrays, files
         share = float(values["contact_share"])
         if not 0.0 < share < 1.0:
