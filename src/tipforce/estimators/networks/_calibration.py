@@ -57,7 +57,7 @@ class CalibrationBatch:
         return self.at(index, augmented=augmented)
 
     def at(self, index: IntArray, *, augmented: bool = False, names: Sequence[str] | None = None) -> Arrays:
-        """Returns outputs of the graph.
+        """Returns the outputs (samples, ...) of the graph by name, computed in batches.
 
         Args:
             index: indices of the samples.
@@ -66,11 +66,12 @@ class CalibrationBatch:
         """
         batches: list[Arrays] = []
         for first in range(0, len(index), _BATCH):
-            now = index[first : first + _BATCH]
-            rngs = [np.random.default_rng(sample) for sample in now.tolist()] if augmented else None
-            batch = self.task.batch(self.samples, now, rngs)
-            found = self.graph(**{name: batch[name] for name in self.task.inputs})
-            batches.append({name: found[name] for name in names or found})
+            rows = index[first : first + _BATCH]
+            # the sample's index is the seed: its augmentation is the same in every call
+            rngs = [np.random.default_rng(sample) for sample in rows.tolist()] if augmented else None
+            batch = self.task.batch(self.samples, rows, rngs)
+            outputs = self.graph(**{name: batch[name] for name in self.task.inputs})
+            batches.append({name: outputs[name] for name in names or outputs})
         return {name: np.concatenate([batch[name] for batch in batches]) for name in batches[0]}
 
 

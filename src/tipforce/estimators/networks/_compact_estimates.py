@@ -16,6 +16,8 @@ MIN_HEATMAP_SHARE = 0.3
 """A heatmap with less than this share of the smallest usual number of pixels shows no catheter."""
 MAX_WRONG_SHARE = 0.05
 """Share of the estimates that may be wrong by more than the setting ``max_error_n``."""
+_USUAL_QUANTILE = 0.01
+"""Share of held-out images with fewer pixels than usual."""
 _OOD_QUANTILE = 0.002
 """Share of in-distribution images that may be taken for images of a displaced catheter."""
 
@@ -61,16 +63,16 @@ def fit_abstention_limits(
         The limits; those that were not trained never cause an abstention.
     """
     logit = min(0.0, float(np.quantile(held_out["in_distribution_logit"], _OOD_QUANTILE)))
-    pixels = MIN_HEATMAP_SHARE * float(np.quantile(heatmap_pixels(held_out), 0.01)) if heatmap_trained else 0.0
+    usual_px = float(np.quantile(heatmap_pixels(held_out), _USUAL_QUANTILE)) if heatmap_trained else 0.0
     return AbstentionLimits(
-        min_heatmap_px=pixels,
+        min_heatmap_px=MIN_HEATMAP_SHARE * usual_px,
         max_sigma_n=float(np.quantile(sigma_n, 1.0 - abstained)),
         min_in_distribution_logit=logit if ood_trained else -math.inf,
     )
 
 
 def largest_trusted_sigma(sigma_n: FloatArray, error_n: FloatArray, max_error_n: float | None) -> float:
-    """Returns the standard deviation up to which few estimates are wrong.
+    """Returns the largest standard deviation so that at most `MAX_WRONG_SHARE` of the estimates up to it are wrong.
 
     Args:
         sigma_n: (n,) standard deviations of held-out magnitudes.
@@ -115,7 +117,7 @@ class CompactEstimateBuilder:
     tissue: TissueBelief | None = None
 
     def __call__(self, stamp_ns: int, outputs: Outputs) -> ForceEstimate:
-        """Returns one estimate.
+        """Returns the estimate of one frame; invalid where a limit of the abstention is exceeded.
 
         Args:
             stamp_ns: stamp of the frame.
@@ -134,45 +136,44 @@ class CompactEstimateBuilder:
         abstention = self.ood.abstention(stamp_ns, outputs["grid"])
         if abstention is not None:
             return abstention
-        force, spread = self._mean_and_spread(stamp_ns, outputs)
-        if not (size := math.hypot(*force.tolist())) <= MAX_FORCE_N:
-            return implausible(stamp_ns, size)
-        sigma_n = magnitude_sigma(force, spread)
+        force, covariance = self._mean_and_covariance(stamp_ns, outputs)
+        if not (size_n := math.hypot(*force.tolist())) <= MAX_FORCE_N:
+            return implausible(stamp_ns, size_n)
+        sigma_n = magnitude_sigma(force, covariance)
         if not sigma_n <= self.limits.max_sigma_n:
             return ForceEstimate.invalid(
                 stamp_ns,
                 Status.UNOBSERVABLE,
                 f"the force has a standard deviation of {sigma_n * 1e3:.0f} mN in this image, more than the limit",
-                abstained_interval_n=self.interval.magnitude_interval(size, sigma_n),
+                abstained_interval_n=self.interval.magnitude_interval(size_n, sigma_n),
             )
         rate = self.history.rate(stamp_ns, force)
         if rate is None:
-            spread = spread * self.compensation.sigma_factor_without_history**2
+            covariance = covariance * self.compensation.sigma_factor_without_history**2
         else:
             force = force + rate @ self.compensation.seconds
-        magnitude, sigma_n = float(np.linalg.norm(force)), magnitude_sigma(force, spread)
-        if not magnitude <= MAX_FORCE_N or not math.isfinite(sigma_n):
-            return implausible(stamp_ns, magnitude if magnitude > MAX_FORCE_N else math.nan)
-        full, interval = np.full(3, math.nan), np.full((3, 2), math.nan)
-        covariance = np.full((3, 3), math.nan)
+        magnitude_n, sigma_n = float(np.linalg.norm(force)), magnitude_sigma(force, covariance)
+        if not magnitude_n <= MAX_FORCE_N or not math.isfinite(sigma_n):
+            return implausible(stamp_ns, magnitude_n if magnitude_n > MAX_FORCE_N else math.nan)
+        # x, y and z, NaN where the network does not estimate a component
+        force_n, interval_n, covariance_n2 = (np.full(shape, math.nan) for shape in ((3,), (3, 2), (3, 3)))
         axes = np.flatnonzero(self.known)
-        full[axes] = force
-        half = self.interval.half_n[axes] * np.sqrt(np.diag(spread))
-        interval[axes, 0], interval[axes, 1] = force - half, force + half
-        covariance[np.ix_(axes, axes)] = spread
+        force_n[axes] = force
+        half_n = self.interval.half_n[axes] * np.sqrt(np.diag(covariance))
+        interval_n[axes, 0], interval_n[axes, 1] = force - half_n, force + half_n
+        covariance_n2[np.ix_(axes, axes)] = covariance
+        magnitude_interval_n = np.array(self.interval.magnitude_interval(magnitude_n, sigma_n))
+        contact = 1.0 / (1.0 + math.exp(-float(outputs["contact_logit"][0])))
         return ForceEstimate(
-            stamp_ns=stamp_ns,
-            force_n=full,
-            known=self.known,
-            covariance_n2=covariance,
-            interval_n=interval,
-            magnitude_n=magnitude,
-            magnitude_interval_n=np.array(self.interval.magnitude_interval(magnitude, sigma_n)),
-            contact=1.0 / (1.0 + math.exp(-float(outputs["contact_logit"][0]))),
+            stamp_ns, force_n, self.known, covariance_n2, interval_n, magnitude_n, magnitude_interval_n, contact=contact
         )
 
-    def _mean_and_spread(self, stamp_ns: int, outputs: Outputs) -> tuple[FloatArray, FloatArray]:
-        """Returns force (t,) and covariance (t, t), over the classes of tissue as the session weighs them."""
+    def _mean_and_covariance(self, stamp_ns: int, outputs: Outputs) -> tuple[FloatArray, FloatArray]:
+        """Returns force (t,), N, and covariance (t, t), N^2, aleatoric and epistemic together.
+
+        A network with classes of tissue has a force for each class: the moments are those of the mixture, with the
+        shares of the classes in this session.
+        """
         epistemic = 1.0 + float(self.laplace.variance(outputs["features"].astype(np.float64))[0])
         if self.tissue is None:
             variance = np.exp(outputs["log_variance"][0].astype(np.float64)) * self.unit_n**2
@@ -181,8 +182,8 @@ class CompactEstimateBuilder:
         variances = np.exp(outputs["tissue_log_variance"][0].astype(np.float64)) * self.unit_n**2 * epistemic
         share = self.tissue.shares(stamp_ns, outputs["tissue_logits"][0])
         force = share @ forces
-        apart = forces - force
-        return force, np.diag(share @ variances) + (share[:, None] * apart).T @ apart
+        from_mean = forces - force
+        return force, np.diag(share @ variances) + (share[:, None] * from_mean).T @ from_mean
 
 
 def component_sigma(outputs: Outputs, laplace: LastLayerLaplace, unit_n: float) -> FloatArray:

@@ -54,13 +54,17 @@ def check_graph_file(data: bytes, where: str) -> None:
 
 
 class _Check:
-    """Walks through the messages of one file, each a memoryview. Raises IndexError or ValueError for damage."""
+    """Walks through the messages of one file, each a memoryview. Raises IndexError or ValueError for damage.
+
+    The numbers are those of the fields in ``onnx.proto``.
+    """
 
     def __init__(self, where: str) -> None:
         self._where = where
         self._fields_left = MAX_FIELDS
 
     def model(self, model: memoryview) -> None:
+        """Checks a ModelProto: one graph (field 7), neither training steps (20) nor functions (25)."""
         graphs = 0
         for number, value in self._fields(model):
             if number in (20, 25):
@@ -72,6 +76,7 @@ class _Check:
             raise ValueError("no graph, or several that would be merged")
 
     def _graph(self, graph: memoryview) -> None:
+        """Checks a GraphProto: its nodes (field 1) and initialisers (5); sparse ones (15) are refused."""
         for number, value in self._fields(graph):
             if number == 1:
                 self._node(_message(value))
@@ -81,6 +86,7 @@ class _Check:
                 raise self._refused("has sparse tensors")
 
     def _node(self, node: memoryview) -> None:
+        """Checks a NodeProto: operator (field 4) and domain (7) are permitted, and its attributes (5) pass."""
         kind = domain = b""
         for number, value in self._fields(node):
             if number == 4:
@@ -102,7 +108,10 @@ class _Check:
                 raise self._refused("has graphs or sparse tensors within its operators")
 
     def _tensor(self, tensor: memoryview) -> None:
-        """Checks a tensor: a value takes a byte at least, so it cannot have more values than its message has bytes."""
+        """Checks a TensorProto: its dimensions (field 1), and no data in other files (13, 14).
+
+        A value takes at least a byte, so a tensor cannot have more values than its message has bytes.
+        """
         lengths: list[int] = []
         for number, value in self._fields(tensor):
             if number == 1:
@@ -120,28 +129,32 @@ class _Check:
             )
 
     def _fields(self, message: memoryview) -> Iterator[tuple[int, memoryview | int]]:
-        """Yields number and value of each field: an integer, or bytes."""
-        at = 0
-        while at < len(message):
+        """Yields number and value of each field of a message: an integer, or bytes.
+
+        A field begins with a key: its number, and in the last three bits the wire type, which gives the length of the
+        value.
+        """
+        position = 0
+        while position < len(message):
             self._fields_left -= 1
             if self._fields_left < 0:
                 raise ModelError(f"{self._where}: has more than {MAX_FIELDS} fields, which no model here needs")
-            key, at = _varint(message, at)
-            kind = key & 7
-            if kind == 0:
-                value, at = _varint(message, at)
-                yield key >> 3, value
+            key, position = _varint(message, position)
+            number, wire_type = key >> 3, key & 7
+            if wire_type == 0:
+                value, position = _varint(message, position)
+                yield number, value
                 continue
-            if kind == 2:
-                length, at = _varint(message, at)
-            elif kind in (1, 5):
-                length = 8 if kind == 1 else 4
+            if wire_type == 2:  # bytes, after their length
+                length, position = _varint(message, position)
+            elif wire_type in (1, 5):  # 64 and 32 bits
+                length = 8 if wire_type == 1 else 4
             else:
-                raise ValueError(f"wire type {kind}")
-            if at + length > len(message):
+                raise ValueError(f"wire type {wire_type}")
+            if position + length > len(message):
                 raise ValueError("cut off")
-            yield key >> 3, message[at : at + length]
-            at += length
+            yield number, message[position : position + length]
+            position += length
 
     def _refused(self, finding: str) -> ModelError:
         return ModelError(
@@ -157,20 +170,21 @@ def _message(value: memoryview | int) -> memoryview:
 
 def _first_numbers(packed: memoryview) -> list[int]:
     """Returns the first of the packed numbers, one more than the largest number of dimensions."""
-    found: list[int] = []
-    at = 0
-    while at < len(packed) and len(found) <= _MAX_DIMENSIONS:
-        value, at = _varint(packed, at)
-        found.append(value)
-    return found
+    numbers: list[int] = []
+    position = 0
+    while position < len(packed) and len(numbers) <= _MAX_DIMENSIONS:
+        value, position = _varint(packed, position)
+        numbers.append(value)
+    return numbers
 
 
-def _varint(message: memoryview, at: int) -> tuple[int, int]:
+def _varint(message: memoryview, position: int) -> tuple[int, int]:
+    """Returns the integer at a position, and the position behind it: 7 bits a byte, the last byte below 128."""
     value = 0
     for shift in range(0, 70, 7):
-        byte = message[at]
-        at += 1
+        byte = message[position]
+        position += 1
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
-            return value, at
+            return value, position
     raise ValueError("a number of more than ten bytes")

@@ -40,15 +40,15 @@ _CORRELATED_ROWS = 24
 
 
 def is_white_noise(image: Image) -> bool:
-    """Returns whether the pixels of an image (h, w) or (h, w, 3) have nothing in common with their neighbours.
+    """Returns whether an image (h, w) or (h, w, 3) is noise: neighbouring pixels of a row are not correlated.
 
     >>> is_white_noise(np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8))
     True
     >>> is_white_noise(np.tile(np.arange(80, dtype=np.uint8), (60, 1)))
     False
     """
-    apart = max(1, image.shape[0] // _CORRELATED_ROWS)
-    rows = image[::apart] if image.ndim == 2 else image[::apart, :, 1]
+    step = max(1, image.shape[0] // _CORRELATED_ROWS)
+    rows = image[::step] if image.ndim == 2 else image[::step, :, 1]
     left, right = rows[:, :-1].astype(np.float32), rows[:, 1:].astype(np.float32)
     left -= left.mean()
     right -= right.mean()
@@ -98,9 +98,8 @@ def catheter_window(
         InputError: the catheter would be far larger than the image.
     """
     height, width = shape[:2]
-    along, beside = (width, height) if side in ("left", "right", None) else (height, width)
     catheter, scale = info.catheter, info.view(view).metres_per_px
-    size = float(max(along, beside) if side is None else min(along, beside))
+    size = float(max(width, height) if side is None else min(width, height))
     if side is not None and scale is not None and catheter.flexible_length_m is not None:
         length_m = catheter.flexible_length_m + (catheter.rigid_length_m or 0.0)
         size = lengths * length_m / scale
@@ -112,13 +111,12 @@ def catheter_window(
     if side is None:
         return Window((0.5 * (width - size) - 0.5, 0.5 * height - 0.5), size, 0, at_base=False)
     turns = BASE_SIDES.index(side)
-    starts = (
-        (-0.5, across * height - 0.5),
-        (across * width - 0.5, height - 0.5),
-        (width - 0.5, across * height - 0.5),
-        (across * width - 0.5, -0.5),
-    )
-    return Window(starts[turns], size, turns)
+    u, v = (
+        across * width - 0.5,
+        across * height - 0.5,
+    )  # pixel centres are at integers: borders are half a pixel outside
+    origins = ((-0.5, v), (u, height - 0.5), (width - 0.5, v), (u, -0.5))  # as in BASE_SIDES
+    return Window(origins[turns], size, turns)
 
 
 def crop_window(image: Image, window: Window, size: int) -> Image:
@@ -166,19 +164,32 @@ def moved(window: Window, inward_px: float) -> Window:
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def _crop(image: Image, u0: float, v0: float, cos: float, sin: float, side: float, out: Image) -> None:
-    """Averages over separable areas, boxes as wide as a pixel of ``out``, at least one image pixel."""
+    """Resamples a window, turned by quarter turns, to the grey image ``out``; see `crop_window`.
+
+    Each pixel is the mean over a box as wide as a pixel of ``out``, at least one image pixel. The box is separable:
+    first its pixels and weights along the image's u and v are listed, then rows are averaged, then columns.
+
+    Args:
+        image: (h, w, channels).
+        u0: u of the middle of the window's base side, px.
+        v0: v of it.
+        cos: u component of the direction inward from the base, -1, 0 or 1.
+        sin: v component of it.
+        side: side of the window in image pixels.
+        out: (size, size), written.
+    """
     size = out.shape[0]
     height, width, channels = image.shape
     scale = side / size
     reach = max(scale, 1.0)
     most = math.ceil(reach) + 2
-    columns = np.empty((2, size, most), np.int64)
+    columns = np.empty((2, size, most), np.int64)  # first axis: u, v of the image
     weights = np.empty((2, size, most), np.float32)
     counts = np.empty((2, size), np.int64)
     for axis in range(2):
         limit = width if axis == 0 else height
-        # the axes of the image that are "along" and "across" in the window
         for k in range(size):
+            # centre of pixel k: the image's axis is that along the window, or the one across it
             along = (k + 0.5) * scale
             across = along - 0.5 * side
             if axis == 0:
@@ -202,7 +213,7 @@ def _crop(image: Image, u0: float, v0: float, cos: float, sin: float, side: floa
             counts[axis, k] = number
     red, green, blue = np.float32(0.299), np.float32(0.587), np.float32(0.114)
     row = np.empty(width, np.float32)
-    low_u, high_u = width, -1
+    low_u, high_u = width, -1  # the part of a row that is needed
     for k in range(size):
         for n in range(counts[0, k]):
             low_u = min(low_u, columns[0, k, n])
@@ -257,14 +268,20 @@ def resize_to_resnet(image: Image) -> Image:
 
 @cache
 def _area_weights(length: int, channels: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
-    """Returns the weights of area averaging along an axis of ``length`` pixels of ``channels`` values each.
+    """Returns the weights that resize an axis to `RESNET_SIZE_PX` pixels by averaging over areas.
 
-    For each value of the new pixels (size * channels,) the first old value under it, and the weights
-    (taps, size * channels) of that one and the next ones, which are ``channels`` apart.
+    Args:
+        length: pixels of the axis.
+        channels: values of a pixel, which are next to each other in memory.
+
+    Returns:
+        (size * channels,) index of the first old value under each new value; and (taps, size * channels) weights of
+        that old value and the next ones, which are ``channels`` apart.
     """
     scale = length / RESNET_SIZE_PX
     taps = int(np.ceil(scale)) + 1
     start = np.arange(RESNET_SIZE_PX) * scale
+    # 1e-9: a start that is an integer but for rounding belongs to that pixel
     first = np.clip(np.floor(start + 1e-9), 0, max(length - taps, 0)).astype(np.int32)
     taps = min(taps, length)
     pixel = first + np.arange(taps)[:, None]
@@ -283,7 +300,17 @@ def _average_areas(
     across: npt.NDArray[np.float32],
     out: Image,
 ) -> None:
-    """Averages ``image`` (h, w * channels) over areas: first over rows for all columns together, then along rows."""
+    """Resizes an image by averaging over areas: first over rows for all columns together, then along rows.
+
+    Args:
+        image: (h, w * channels).
+        channels: values of a pixel.
+        top: (rows,) first old row under each new row; with ``down`` from `_area_weights`.
+        down: (taps, rows) weights of that row and the next ones.
+        left: (columns * channels,) first old value in a row, for each new value.
+        across: (taps, columns * channels) weights of that value and the next ones.
+        out: (rows, columns * channels), written.
+    """
     row = np.empty(image.shape[1], np.float32)
     mean = np.empty(out.shape[1], np.float32)
     for y in range(out.shape[0]):

@@ -5,7 +5,7 @@ import json
 import math
 import tempfile
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -171,6 +171,9 @@ class NetworkEstimator(FineTunable):
     ) -> Self:
         """Returns the method, fitted as by `fit`; a training that was killed can be resumed.
 
+        Steps: check the data, prepare the inputs on disk, train, export the network to a graph, fit its uncertainty,
+        and measure the intervals on the validation samples.
+
         Args:
             dataset: the training data.
             progress: called during training.
@@ -199,8 +202,8 @@ class NetworkEstimator(FineTunable):
                 f"{', '.join(names)}; state the same, or start from another model"
             )
         with contextlib.ExitStack() as stack:
-            work = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tipforce-")))
-            prepared = self._prepared(dataset, names, work, lambda share: report("preparing images", 0.1 * share))
+            cache = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tipforce-")))
+            prepared = self._prepared(dataset, names, cache, lambda share: report("preparing images", 0.1 * share))
             left_out = left_out_by_session(dataset.session, np.isin(np.arange(len(dataset)), prepared.index))
             refuse_left_out(dataset.title, left_out, len(dataset), self.settings.max_left_out)
             samples = training_samples(dataset, prepared, known)
@@ -218,21 +221,9 @@ class NetworkEstimator(FineTunable):
             )
             report("exporting", 0.95)
             network, index = network_from_weights(task, result.weights), prepared.index
-            inputs = {**self.input_specs(training=False), **actuation_spec(names)}
-            metadata = {"method": self.name, "components": ", ".join(np.array(AXES)[known])}
-            apart = split.val if len(split.val) else split.train
-            compared = task.batch(samples, spread_evenly(apart, _PARITY_SAMPLES), None)
-            shown = {name: compared[name] for name in task.inputs}
-            for half_precision in (True, False):  # too coarse for a network whose large features cancel
-                data = export_graph(network, inputs, self.outputs, metadata, half_precision=half_precision)
-                deviation_n = parity_n(data, network, shown)
-                if deviation_n < MAX_PARITY_N:
-                    break
-            else:
-                raise ModelError(
-                    f"the exported graph differs from the trained network by up to {deviation_n:.2g} N, more than "
-                    f"{MAX_PARITY_N:g} N: there is no model; train it with a smaller rate"
-                )
+            rows = spread_evenly(split.val if len(split.val) else split.train, _PARITY_SAMPLES)
+            compared = task.batch(samples, rows, None)
+            data, deviation_n = self._exported(network, names, known, {name: compared[name] for name in task.inputs})
             quantised, growth = None, None
             if self.settings.bits == 8:
                 quantised, growth = quantise_checked(data, task, samples, split)
@@ -240,7 +231,7 @@ class NetworkEstimator(FineTunable):
             calibration = CalibrationBatch(graph, task, samples, split, dataset.stamp_ns[index])
             arrays = self.fit_arrays(calibration) if len(split.val) else {}
             del prepared, samples, calibration  # before the files that they map
-        held_out, before = dataset.subset(index[split.val]), self.initial_model()
+        held_out, parent = dataset.subset(index[split.val]), self.initial_model()
         trained_on = f"{len(index)} samples of {dataset.title}"
         self.fitted_ = FittedNetwork(
             actuation=names,
@@ -265,9 +256,9 @@ class NetworkEstimator(FineTunable):
                 bits=32 if quantised is None else 8,
                 error_growth_in_8_bits=growth,
                 fine_tuned_from=None if initial is None else initial.describe().network,
-                trained_on=(*(before.facts.trained_on if before else ()), trained_on),
+                trained_on=(*(parent.facts.trained_on if parent else ()), trained_on),
             ),
-            sessions=tuple(sorted({*dataset.session_fingerprints.values(), *(before.sessions if before else ())})),
+            sessions=tuple(sorted({*dataset.session_fingerprints.values(), *(parent.sessions if parent else ())})),
         )
         if not len(split.val):
             return self
@@ -276,16 +267,49 @@ class NetworkEstimator(FineTunable):
         self._set_interval(held_out, sampling, lambda share: report("measuring", 0.96 + 0.04 * share))
         return self
 
+    def _exported(
+        self, network: Any, actuation: tuple[str, ...], known: BoolArray, inputs: Mapping[str, npt.NDArray[Any]]
+    ) -> tuple[bytes, float]:
+        """Returns the trained network as a graph, and the largest difference of their forces, N.
+
+        Half precision, with half the file, is tried first; it is too coarse for a network whose large features cancel.
+
+        Args:
+            network: the trained network.
+            actuation: names of the actuation values among its inputs.
+            known: (3,) the force components.
+            inputs: inputs of some samples, on which network and graph are compared.
+
+        Raises:
+            ModelError: the difference is larger than `MAX_PARITY_N` in full precision, too.
+        """
+        specs = {**self.input_specs(training=False), **actuation_spec(actuation)}
+        metadata = {"method": self.name, "components": ", ".join(np.array(AXES)[known])}
+        deviation_n = math.inf
+        for half_precision in (True, False):
+            data = export_graph(network, specs, self.outputs, metadata, half_precision=half_precision)
+            deviation_n = parity_n(data, network, inputs)
+            if deviation_n < MAX_PARITY_N:
+                return data, deviation_n
+        raise ModelError(
+            f"the exported graph differs from the trained network by up to {deviation_n:.2g} N, more than "
+            f"{MAX_PARITY_N:g} N: there is no model; train it with a smaller rate"
+        )
+
     def _actuation_limits(self, dataset: Dataset, names: Sequence[str]) -> dict[str, tuple[float, float]]:
-        """Returns the limits of ``dataset``, not narrower than those of the initial model, where that used the same."""
+        """Returns the smallest and largest value of each actuation value that the network has been trained with.
+
+        After fine-tuning the limits contain those of the initial model. A value that the initial model used without
+        stored limits has none here either: its limits are unknown.
+        """
         limits, initial = limits_of(dict.fromkeys(names), dataset), self._init_from
         if initial is None:
             return limits
-        before = initial._fitted().actuation_limits
+        old = initial._fitted().actuation_limits
         return {
-            name: (min(low, before[name][0]), max(high, before[name][1])) if name in before else (low, high)
+            name: (min(low, old[name][0]), max(high, old[name][1])) if name in old else (low, high)
             for name, (low, high) in limits.items()
-            if name in before or name not in initial.required_actuation  # else it answers to more, how much is unknown
+            if name in old or name not in initial.required_actuation
         }
 
     def _prepared(
@@ -308,7 +332,7 @@ class NetworkEstimator(FineTunable):
         readers: dict[str, InputReader] = {}
 
         def read(session: str, observation: Observation, masks: Masks | None) -> Arrays | Abstention:
-            if session not in readers:
+            if session not in readers:  # the samples come session by session: one reader is kept
                 readers.clear()
                 readers[session] = self.reader(dataset.session_info[session], training=True)
             return read_inputs(readers[session], actuation, observation, masks)
@@ -319,8 +343,8 @@ class NetworkEstimator(FineTunable):
         if heatmap is not None and all(dataset.has_masks(view) for view in self.views):
             specs["heatmap"], masks = heatmap, joint_masks(dataset, self.views)
         sessions = [repr(dataset.session_info[name]) for name in sorted(dataset.session_info)]
-        elsewhere = {*TrainConfig.model_fields, "max_left_out"}  # these do not change the prepared inputs
-        key = "\n".join([self.name, self.settings.model_dump_json(exclude=elsewhere), *sessions])
+        irrelevant = {*TrainConfig.model_fields, "max_left_out"}  # these settings do not change the prepared inputs
+        key = "\n".join([self.name, self.settings.model_dump_json(exclude=irrelevant), *sessions])
         prepared = prepare(dataset, masks, specs, read, folder, key, dataset.names_of(self.views[0]), report)
         if len(prepared.index) < MIN_SAMPLES:
             raise InputError(
@@ -360,9 +384,8 @@ class NetworkEstimator(FineTunable):
                 f"{dataset.title}: none of its {len(dataset)} samples has an estimate, so there is nothing to set the "
                 f"intervals on; the first says: {estimates[0].detail} ({estimates[0].status})"
             )
-        found = [estimates[index] for index in valid]
         truth = dataset.force_n[valid][:, fitted.known]
-        interval = self.fit_interval(found, truth, dataset.session[valid], sampling)
+        interval = self.fit_interval([estimates[index] for index in valid], truth, dataset.session[valid], sampling)
         self.fitted_ = fitted.model_copy(update={"interval": interval})
 
     def fit_interval(
@@ -475,7 +498,7 @@ class NetworkEstimator(FineTunable):
         return made
 
     def check_fit(self) -> None:
-        """Runs the graph once on zeros, and builds on its outputs all that an estimate needs.
+        """Checks a loaded model: runs its graph once on zeros, and makes an estimate from its outputs.
 
         Raises:
             KeyError: an output or an array is missing.
@@ -549,7 +572,11 @@ class NetworkStream:
         return outputs if isinstance(outputs, ForceEstimate) else self._build(observation.stamp_ns, outputs)
 
     def outputs(self, observation: Observation) -> Outputs | ForceEstimate:
-        """Returns the graph's outputs, (1, ...) each, or the invalid estimate that says why there are none."""
+        """Returns the graph's outputs, (1, ...) each, or an invalid estimate.
+
+        It is invalid where the session's modality, the image or an actuation value is unlike those in training, or an
+        input is missing.
+        """
         fitted = self._fitted
         if self._unlike:
             return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DISTRIBUTION, self._unlike)

@@ -53,6 +53,8 @@ class History:
     def rate(self, stamp_ns: int, force_n: FloatArray) -> FloatArray | None:
         """Returns the rate of change of the force; keeps the force for later calls.
 
+        The earlier frame is the newest one that is at least `MIN_ELAPSED_S` and at most `MAX_ELAPSED_S` old.
+
         Args:
             stamp_ns: stamp of the frame.
             force_n: (t,) its force in newtons.
@@ -60,16 +62,15 @@ class History:
         Returns:
             (t,) in N/s; None without a suitable earlier frame.
         """
-        past = self._past
+        past, rate_n_per_s = self._past, None
         while past and not 0 <= stamp_ns - past[0][0] <= MAX_ELAPSED_S * 1e9:
-            past.popleft()
+            past.popleft()  # too old, or of a clock that was set back
         while len(past) > 1 and stamp_ns - past[1][0] >= MIN_ELAPSED_S * 1e9:
-            past.popleft()
-        found = None
+            past.popleft()  # the next one is old enough, too
         if past and stamp_ns - past[0][0] >= MIN_ELAPSED_S * 1e9:
-            found = (force_n - past[0][1]) / (1e-9 * (stamp_ns - past[0][0]))
+            rate_n_per_s = (force_n - past[0][1]) / (1e-9 * (stamp_ns - past[0][0]))
         past.append((stamp_ns, force_n))
-        return found
+        return rate_n_per_s
 
 
 def rate_compensation_from(calibration: CalibrationBatch, initial: RateCompensation | None) -> RateCompensation:
@@ -82,20 +83,21 @@ def rate_compensation_from(calibration: CalibrationBatch, initial: RateCompensat
     Returns:
         The compensation; ``initial``, or none, where no sample has an earlier one.
     """
-    before = earlier_samples(calibration.stamp_ns, calibration.samples.session)
-    later = np.flatnonzero(before >= 0)
+    earlier = earlier_samples(calibration.stamp_ns, calibration.samples.session)
+    later = np.flatnonzero(earlier >= 0)
     later = later[:: max(1, len(later) // _MAX_PAIRS)]
+    earlier = earlier[later]
     outputs = calibration.samples.force_n.shape[1]
     if initial is None or initial.seconds.shape != (outputs, outputs):
         initial = RateCompensation(np.zeros((outputs, outputs)), 1.0)
     if not len(later):
         return initial
-    now, then = (
-        calibration.at(index, names=("force_n",))["force_n"].astype(np.float64) for index in (later, before[later])
+    later_n, earlier_n = (
+        calibration.at(index, names=("force_n",))["force_n"].astype(np.float64) for index in (later, earlier)
     )
-    elapsed_s = 1e-9 * (calibration.stamp_ns[later] - calibration.stamp_ns[before[later]])
-    rate = (now - then) / elapsed_s[:, None]
-    return fit_rate_compensation(now, rate, calibration.samples.force_n[later].astype(np.float64), initial)
+    elapsed_s = 1e-9 * (calibration.stamp_ns[later] - calibration.stamp_ns[earlier])
+    rate = (later_n - earlier_n) / elapsed_s[:, None]
+    return fit_rate_compensation(later_n, rate, calibration.samples.force_n[later].astype(np.float64), initial)
 
 
 def earlier_samples(stamp_ns: IntArray, session: npt.NDArray[np.str_]) -> IntArray:
@@ -108,14 +110,14 @@ def earlier_samples(stamp_ns: IntArray, session: npt.NDArray[np.str_]) -> IntArr
     Returns:
         (n,) indices, -1 for none.
     """
-    found = np.full(len(stamp_ns), -1, np.int64)
-    order = np.lexsort((stamp_ns, session))
+    earlier = np.full(len(stamp_ns), -1, np.int64)
+    order = np.lexsort((stamp_ns, session))  # by session, then by stamp
     for rows in np.split(order, np.flatnonzero(session[order][1:] != session[order][:-1]) + 1):
         stamps = stamp_ns[rows]
         index = np.searchsorted(stamps, stamps - int(MIN_ELAPSED_S * 1e9), side="right") - 1
         near = (index >= 0) & (stamps - stamps[np.maximum(index, 0)] <= MAX_ELAPSED_S * 1e9)
-        found[rows[near]] = rows[index[near]]
-    return found
+        earlier[rows[near]] = rows[index[near]]
+    return earlier
 
 
 def fit_rate_compensation(
@@ -134,12 +136,12 @@ def fit_rate_compensation(
     """
     if not rate.any():
         return initial
-    missing = truth_n - estimate_n
+    error_n = truth_n - estimate_n
     prior = _PRIOR_SAMPLES * float(np.mean(rate * rate)) * np.eye(estimate_n.shape[1])
-    solution = np.linalg.solve(rate.T @ rate + prior, rate.T @ missing + prior @ initial.seconds)
+    solution = np.linalg.solve(rate.T @ rate + prior, rate.T @ error_n + prior @ initial.seconds)
     seconds = solution.astype(np.float64)
     if not np.abs(seconds).max() <= MAX_COMPENSATION_S:
         return initial
-    remaining = missing - rate @ seconds
-    factor = max(1.0, float(np.sqrt(np.mean(missing**2) / max(np.mean(remaining**2), 1e-12))))
+    remaining_n = error_n - rate @ seconds
+    factor = max(1.0, float(np.sqrt(np.mean(error_n**2) / max(np.mean(remaining_n**2), 1e-12))))
     return RateCompensation(seconds, factor)

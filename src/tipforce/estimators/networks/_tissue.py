@@ -69,12 +69,14 @@ class TissueBelief:
         self._evidence = evidence
         self._prior = evidence.log_share
         if stated_n_per_m is not None:
-            apart = (np.clip(np.log(stated_n_per_m), _CENTRES[0], _CENTRES[-1]) - _CENTRES) / _STATED_SHARE
-            self._prior = log_softmax(-0.5 * apart * apart)
-        self._log, self._before_ns = self._prior, None
+            distance = (np.clip(np.log(stated_n_per_m), _CENTRES[0], _CENTRES[-1]) - _CENTRES) / _STATED_SHARE
+            self._prior = log_softmax(-0.5 * distance * distance)
+        self._log, self._last_ns = self._prior, None
 
     def shares(self, stamp_ns: int, logits: npt.NDArray[np.floating]) -> FloatArray:
-        """Returns the shares of the classes with a new image, which is counted in full, and earlier ones.
+        """Returns the shares of the classes by a new image, which counts in full, and by earlier ones.
+
+        For later images the new one counts with the weight of the evidence alone, and less if it soon follows another.
 
         Args:
             stamp_ns: stamp of the image.
@@ -83,18 +85,20 @@ class TissueBelief:
         Returns:
             (c,) shares, which sum to 1.
         """
-        before = self._before_ns
-        if before is None or stamp_ns > before:
-            step = SPACING_S if before is None else 1e-9 * (stamp_ns - before)
-            kept = np.exp(-step / FORGOTTEN_S)
-            told = log_softmax(logits.astype(np.float64)) - self._evidence.log_share
-            now = log_softmax(self._log + told)
-            known = np.logaddexp(np.log(kept) + log_softmax(self._log), np.log1p(-kept) + self._prior)
-            self._log = log_softmax(known + self._evidence.weight * min(1.0, step / SPACING_S) * told)
-            self._before_ns = stamp_ns
+        last_ns = self._last_ns
+        if last_ns is None or stamp_ns > last_ns:
+            elapsed_s = SPACING_S if last_ns is None else 1e-9 * (stamp_ns - last_ns)
+            keep = np.exp(-elapsed_s / FORGOTTEN_S)
+            log_likelihood = log_softmax(logits.astype(np.float64)) - self._evidence.log_share
+            log_posterior = log_softmax(self._log + log_likelihood)
+            # forgetting: a mixture of the present shares and the session's prior
+            log_kept = np.logaddexp(np.log(keep) + log_softmax(self._log), np.log1p(-keep) + self._prior)
+            weight = self._evidence.weight * min(1.0, elapsed_s / SPACING_S)
+            self._log = log_softmax(log_kept + weight * log_likelihood)
+            self._last_ns = stamp_ns
         else:  # a late frame adds nothing
-            now = log_softmax(self._log)
-        return np.exp(now)
+            log_posterior = log_softmax(self._log)
+        return np.exp(log_posterior)
 
 
 def fit_tissue_evidence(
@@ -121,21 +125,11 @@ def fit_tissue_evidence(
     stated = np.isfinite(log_stiffness)
     if len(np.unique(session[stated])) < 2:
         return TissueEvidence(log_share, _USUAL_WEIGHT if initial is None else initial.weight)
-    found = np.array(
-        [
-            _log_shares(
-                TissueEvidence(log_share, weight),
-                session[stated],
-                stamp_ns[stated],
-                logits[stated],
-                log_stiffness[stated],
-            )
-            for weight in _WEIGHTS
-        ]
-    )
-    best = found[np.argmax(found.mean(axis=1))]
-    worse = best - found
-    close = worse.mean(axis=1) <= worse.std(axis=1) / np.sqrt(found.shape[1])
+    samples = session[stated], stamp_ns[stated], logits[stated], log_stiffness[stated]
+    likelihoods = np.array([_log_shares(TissueEvidence(log_share, weight), *samples) for weight in _WEIGHTS])
+    best = likelihoods[np.argmax(likelihoods.mean(axis=1))]
+    loss = best - likelihoods  # (weights, sessions)
+    close = loss.mean(axis=1) <= loss.std(axis=1) / np.sqrt(likelihoods.shape[1])
     return TissueEvidence(log_share, _WEIGHTS[int(np.argmax(close))])
 
 
@@ -146,12 +140,20 @@ def _log_shares(
     logits: npt.NDArray[np.floating],
     log_stiffness: FloatArray,
 ) -> FloatArray:
-    """Returns (sessions,) mean logarithms of the true class's share, image by image as `TissueBelief` has it."""
-    found: list[float] = []
+    """Returns (sessions,) mean log likelihoods of the stated tissue, by the shares of `TissueBelief` at each image.
+
+    Args:
+        evidence: evidence with the weight to judge.
+        session: (n,) sessions.
+        stamp_ns: (n,) stamps.
+        logits: (n, c) outputs of the network.
+        log_stiffness: (n,) logarithm of the stated stiffness in N/m.
+    """
+    likelihoods: list[float] = []
     for name in np.unique(session):
         rows = np.flatnonzero(session == name)
         rows = rows[np.argsort(stamp_ns[rows], kind="stable")]
         belief = TissueBelief(evidence)
         shares = np.array([belief.shares(int(stamp_ns[row]), logits[row]) for row in rows])
-        found.append(float(np.log((shares * tissue_shares(log_stiffness[rows])).sum(axis=1)).mean()))
-    return np.array(found)
+        likelihoods.append(float(np.log((shares * tissue_shares(log_stiffness[rows])).sum(axis=1)).mean()))
+    return np.array(likelihoods)

@@ -127,10 +127,10 @@ class _ViewWindow:
         """
         if shape not in self._windows:
             lengths, across = self._settings.lengths, self._settings.across
-            found = catheter_window(self._info, self._view, shape, self._base_side, lengths, across)
-            self._windows[shape] = enlarged(found, self._side / self._settings.size)
-        here = self._windows[shape]
-        return moved(here, advance_m / self._scale) if self._scale is not None and here.at_base else here
+            network_window = catheter_window(self._info, self._view, shape, self._base_side, lengths, across)
+            self._windows[shape] = enlarged(network_window, self._side / self._settings.size)
+        window = self._windows[shape]
+        return moved(window, advance_m / self._scale) if self._scale is not None and window.at_base else window
 
 
 class Compact(NetworkEstimator):
@@ -160,31 +160,29 @@ class Compact(NetworkEstimator):
 
         Where the border cannot be detected, whole images are used.
         """
-        initial, stated = (
-            self.initial_model(),
-            (info.tissue.stiffness_n_per_m for info in dataset.session_info.values()),
-        )
-        known = [each for each in stated if each is not None]
-        before = initial is not None and TissueEvidence.of(initial.arrays) is not None
-        self._tissue = before or (bool(known) and max(known) > MIN_STIFFNESS_RATIO * min(known))
+        initial = self.initial_model()
+        stated = [info.tissue.stiffness_n_per_m for info in dataset.session_info.values()]
+        stiffness = [value for value in stated if value is not None]
+        initial_has_classes = initial is not None and TissueEvidence.of(initial.arrays) is not None
+        differs = bool(stiffness) and max(stiffness) > MIN_STIFFNESS_RATIO * min(stiffness)
+        self._tissue = initial_has_classes or differs
         self.detect_base_sides(dataset)
 
     def detect_base_sides(self, dataset: Dataset) -> None:
         """Detects the border of the base in each view for which some session does not state it."""
-        found = list(self._detected_base_sides)
+        base_sides = list(self._detected_base_sides)
         for place, view in enumerate(self.views):
             unstated = [name for name, info in dataset.session_info.items() if info.view(view).base_side is None]
             if self.settings.base_side != "auto" or not unstated:
                 continue
             index = spread_evenly(np.flatnonzero(np.isin(dataset.session, unstated)), _CALIBRATION_IMAGES)
-            some = dataset.subset(index)
-            views = [observation.views.get(view) for observation in some.observations()]
-            images = [image for image in views if isinstance(image, np.ndarray)]
+            contents = [observation.views.get(view) for observation in dataset.subset(index).observations()]
+            images = [image for image in contents if isinstance(image, np.ndarray)]
             try:
-                found[place] = auto_calibrate(VisionSettings(view=view), images).base_side
+                base_sides[place] = auto_calibrate(VisionSettings(view=view), images).base_side
             except InputError:
-                found[place] = "none"
-        self._detected_base_sides = tuple(found)
+                base_sides[place] = "none"
+        self._detected_base_sides = tuple(base_sides)
 
     def input_specs(self, *, training: bool) -> Specs:
         """See `NetworkEstimator`: the window, larger for training, and the metadata features."""
@@ -197,9 +195,9 @@ class Compact(NetworkEstimator):
 
     def metadata_names(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """See `NetworkEstimator`. Keys that all training sessions stated are required: a default could be wrong."""
-        each = [info.stated_keys() for info in dataset.session_info.values()]
-        names = [name for name in dict.fromkeys(itertools.chain(*each)) if name in self._used_metadata()]
-        return tuple(name for name in names if all(name in other for other in each)), tuple(names)
+        stated = [info.stated_keys() for info in dataset.session_info.values()]
+        names = [name for name in dict.fromkeys(itertools.chain(*stated)) if name in self._used_metadata()]
+        return tuple(name for name in names if all(name in keys for keys in stated)), tuple(names)
 
     def _used_metadata(self) -> tuple[str, ...]:
         """Returns the keys of the session metadata that it uses."""
@@ -227,7 +225,11 @@ class Compact(NetworkEstimator):
         return 8 * round(_TRAINING_SIZE * size / 8) if training else size
 
     def reader(self, info: SessionInfo, *, training: bool) -> InputReader:
-        """See `NetworkEstimator`: crops the window out of a session's images."""
+        """Returns a function that reads the inputs of one sample; see `NetworkEstimator`.
+
+        They are the window around the catheter in each view, and the metadata features; for training also the heatmap
+        of the masks and the tissue. A fitted network gets only metadata that its training stated.
+        """
         side = self._side(training=training)
         missing, detected_base_sides = "", self._detected_base_sides
         if not training and self.fitted_ is not None:
@@ -253,9 +255,9 @@ class Compact(NetworkEstimator):
             advance_m = read_advance_m(observation)
             if isinstance(advance_m, Abstention):
                 return advance_m
-            here = [each.at(view.shape[:2], advance_m) for each, view in zip(windows, views, strict=True)]
+            now = [window.at(view.shape[:2], advance_m) for window, view in zip(windows, views, strict=True)]
             shape, _ = self._image_spec(side)
-            images = [crop_window(view, window, side) for view, window in zip(views, here, strict=True)]
+            images = [crop_window(view, window, side) for view, window in zip(views, now, strict=True)]
             inputs: Arrays = {
                 "image": np.reshape(images, shape),
                 "metadata": self.read_metadata(info, observation.actuation),
@@ -267,7 +269,7 @@ class Compact(NetworkEstimator):
                 inputs["heatmap"] = np.full(shape, HEATMAP_UNKNOWN, np.uint8)
             elif masks is not None:
                 binary = [np.where(mask, np.uint8(255), np.uint8(0)) for mask in masks]
-                quarters = [crop_window(mask, window, side // 4) for mask, window in zip(binary, here, strict=True)]
+                quarters = [crop_window(mask, window, side // 4) for mask, window in zip(binary, now, strict=True)]
                 inputs["heatmap"] = np.reshape(quarters, shape)
             return inputs
 
@@ -305,9 +307,10 @@ class Compact(NetworkEstimator):
         )
 
     def fit_arrays(self, calibration: CalibrationBatch) -> Arrays:
-        """Fits uncertainty, abstention limits and rate compensation.
+        """Returns the fitted arrays of uncertainty, abstention limits, rate compensation and tissue.
 
-        Images as they are augmented in training count as in distribution, except for its out-of-distribution ones.
+        The detector and the uncertainty are fitted on outputs for training images, all else on held-out ones. Images as
+        they are augmented in training count as in distribution, except for its out-of-distribution ones.
         """
         augmentation = self.settings.augmentation
         task = calibration.task
@@ -318,8 +321,8 @@ class Compact(NetworkEstimator):
         training = calibration.outputs(held_out=False, augmented=True)
         threshold_grid = calibration.outputs(held_out=True, augmented=True)["grid"]
         initial = self.initial_model()
-        before = None if initial is None else OodDetector.of(initial.arrays)
-        ood = fit_ood_detector(training["grid"], held_out["grid"], threshold_grid, before)
+        initial_ood = None if initial is None else OodDetector.of(initial.arrays)
+        ood = fit_ood_detector(training["grid"], held_out["grid"], threshold_grid, initial_ood)
         # the uncertainty of the initial model still holds if its distribution contains the new images
         still_holds = initial is not None and len(ood.distributions) > 1
         laplace = fit_laplace(
@@ -363,6 +366,7 @@ class Compact(NetworkEstimator):
         }
 
     def _tissue_evidence(self, calibration: CalibrationBatch, initial: TissueEvidence | None) -> TissueEvidence | None:
+        """Fits the evidence on the tissue to the validation samples; None for a network without classes of tissue."""
         if not self._tissue:
             return None
         samples, held_out = calibration.samples, calibration.split.val
@@ -425,8 +429,8 @@ class Compact(NetworkEstimator):
     ) -> Interval:
         """Returns the intervals in standard deviations of each estimate; see `NetworkEstimator.fit_interval`.
 
-        Samples of the training sessions guarantee little: where it was fine-tuned, the initial model's interval counts
-        if it is wider.
+        Held-out samples of the training sessions guarantee little for other sessions. So a fine-tuned network keeps the
+        interval of its initial model where that is wider, unless whole sessions were held out.
         """
         known = self._fitted().known
         force = np.array([each.force_n[known] for each in estimates])
@@ -456,17 +460,20 @@ class CompactStream(NetworkStream):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self._in_distribution = RecentShare(_IN_DISTRIBUTION_S)
-        self._before_ns: int | None = None
+        self._last_ns: int | None = None
 
     def update(self, observation: Observation) -> ForceEstimate:
-        """Estimates the force on the next frame; see `Stream.update`."""
+        """Returns the force on the next frame; see `Stream.update`.
+
+        Invalid, too, where most images of the last seconds (`_IN_DISTRIBUTION_S`) were out of distribution.
+        """
         outputs = self.outputs(observation)
         if isinstance(outputs, ForceEstimate):
             return outputs
         assert isinstance(self._build, CompactEstimateBuilder)
         estimate = self._build(observation.stamp_ns, outputs)
-        before_ns = observation.stamp_ns if self._before_ns is None else self._before_ns
-        elapsed_s, self._before_ns = max(0.0, 1e-9 * (observation.stamp_ns - before_ns)), observation.stamp_ns
+        last_ns = observation.stamp_ns if self._last_ns is None else self._last_ns
+        elapsed_s, self._last_ns = max(0.0, 1e-9 * (observation.stamp_ns - last_ns)), observation.stamp_ns
         self._in_distribution.add(estimate.status is not Status.OUT_OF_DISTRIBUTION, elapsed_s)
         if estimate.valid and self._in_distribution.value < MIN_IN_DISTRIBUTION_SHARE:
             return ForceEstimate.invalid(

@@ -41,9 +41,12 @@ _STATED_SESSIONS = 4.0
 _KNOWN = np.array([True, True, False])
 _TYPICAL_STIFFNESS_NM2 = 4.3e-4
 """Stiffness of a slightly bent 7F ablation catheter (Khoshnam et al. 2012); start of ``fit`` when none is stated."""
+_TYPICAL_LENGTH_M = 0.05
 _STATED_WITHIN, _TYPICAL_WITHIN = 2.0, 10.0
 """Factors within which a stated stiffness is right, and the typical one where none is stated."""
 MAX_OFFSET_PER_M = 20.0
+_USUAL_QUANTILE = 0.99
+"""Share of the training lines whose misfit is usual; see `RodModelSettings.max_misfit`."""
 _GAUSSIAN = gaussian_interval(
     _KNOWN, "stated uncertainties of detection and pre-curvature, as normal distributions; never compared with forces"
 )
@@ -167,10 +170,10 @@ class RodModelEstimator(PlanarRodEstimator):
         stated = self.settings.stiffness_nm2 is not None or all(
             info.catheter.bending_stiffness_nm2 is not None for info in dataset.session_info.values()
         )
-        base = replace(_unfitted(self.settings, self.stations), stiffness_stated=stated)
-        self.fitted_ = base
+        unfitted = replace(_unfitted(self.settings, self.stations), stiffness_stated=stated)
+        self.fitted_ = unfitted
         vision = self._shared_vision(dataset)
-        self.fitted_ = base = replace(base, vision=vision)
+        self.fitted_ = unfitted = replace(unfitted, vision=vision)
         lines = self._lines(dataset, lambda share: report("detecting the catheter", 0.7 * share))
         kept = np.array([isinstance(line, RodLine) for line in lines], np.bool_)
         if kept.sum() < MIN_SAMPLES:
@@ -181,28 +184,29 @@ class RodModelEstimator(PlanarRodEstimator):
             )
         left_out = left_out_by_session(dataset.session, kept)
         refuse_left_out(dataset.title, left_out, len(dataset), self.settings.max_left_out)
-        found = [line for line in lines if isinstance(line, RodLine)]
+        detected = [line for line in lines if isinstance(line, RodLine)]
         infos = [dataset.session_info[name] for name in dataset.session[kept].tolist()]
         force = dataset.force_n[kept][:, :2]
         report("fitting", 0.75)
-        factor, offset = self._stiffness_and_offset(found, infos, force)
-        wrong = self._wrong(found, infos, force, factor, offset)
-        wrong = wrong[np.isfinite(wrong).all(axis=1)]
+        factor, offset = self._stiffness_and_offset(detected, infos, force)
+        residuals_m = self._residuals(detected, infos, force, factor, offset)
+        residuals_m = residuals_m[np.isfinite(residuals_m).all(axis=1)]
         sessions = len(dataset.sessions)
-        measured = wrong.T @ wrong / len(wrong)
-        covariance = (sessions * measured + _STATED_SESSIONS * base.covariance_m2) / (sessions + _STATED_SESSIONS)
+        measured = residuals_m.T @ residuals_m / len(residuals_m)
+        stated_sum = _STATED_SESSIONS * unfitted.covariance_m2
+        covariance = (sessions * measured + stated_sum) / (sessions + _STATED_SESSIONS)
         self.fitted_ = replace(
-            base,
+            unfitted,
             stiffness_factor=factor,
             precurvature_offset_per_m=offset,
             covariance_m2=covariance,
             largest_misfit=np.inf,
-            samples=len(found),
+            samples=len(detected),
             left_out=left_out,
         )
         report("intervals", 0.9)
-        fits = [self._force(line, info) for line, info in zip(found, infos, strict=True)]
-        misfit = float(np.quantile([each.misfit for each in fits], 0.99)) * self.settings.max_misfit
+        fits = [self._force(line, info) for line, info in zip(detected, infos, strict=True)]
+        misfit = float(np.quantile([each.misfit for each in fits], _USUAL_QUANTILE)) * self.settings.max_misfit
         interval = _interval(fits, force, dataset.session[kept], "samples that it was fitted on")
         self.fitted_ = replace(self.fitted_, largest_misfit=misfit, interval=interval)
         report("intervals", 1.0)
@@ -230,8 +234,8 @@ class RodModelEstimator(PlanarRodEstimator):
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
         """Returns a stream for one session; see `Estimator.start`."""
-        if why := self.obstacle(info):
-            return UninformedStream(why)
+        if reason := self.obstacle(info):
+            return UninformedStream(reason)
         return RodModelStream(self, info, images)
 
     def estimate(self, line: RodLine, info: SessionInfo, stamp_ns: int) -> ForceEstimate:
@@ -245,40 +249,34 @@ class RodModelEstimator(PlanarRodEstimator):
         Returns:
             The estimate; invalid where the model does not explain the centreline.
         """
-        found, fitted = self._force(line, info), self.fitted_ or _unfitted(self.settings, self.stations)
-        if not found.converged:
+        fit, fitted = self._force(line, info), self.fitted_ or _unfitted(self.settings, self.stations)
+        if not fit.converged:
             detail = f"the {self.name} model has no equilibrium near this centreline"
             return ForceEstimate.invalid(stamp_ns, Status.UNOBSERVABLE, detail, line.shape)
-        if found.misfit > fitted.largest_misfit:
+        if fit.misfit > fitted.largest_misfit:
             return ForceEstimate.invalid(
                 stamp_ns,
                 Status.OUT_OF_DISTRIBUTION,
                 f"no force at the tip bends the {self.name} model to this centreline (squared misfit "
-                f"{found.misfit:.0f}, the limit is {fitted.largest_misfit:.0f})",
+                f"{fit.misfit:.0f}, the limit is {fitted.largest_misfit:.0f})",
                 line.shape,
             )
-        force, sigma = found.force_n, np.sqrt(np.diag(found.covariance_n2))
-        magnitude = float(np.hypot(*force))
-        if not magnitude <= MAX_FORCE_N:
-            return implausible(stamp_ns, magnitude, line.shape)
-        half = fitted.interval.half_n[:2] * sigma
-        sigma_n = magnitude_sigma(found.force_n, found.covariance_n2)
-        covariance = np.full((3, 3), np.nan)
-        covariance[:2, :2] = found.covariance_n2
-        interval = np.full((3, 2), np.nan)
-        interval[:2, 0], interval[:2, 1] = force - half, force + half
+        force = fit.force_n
+        magnitude_n = float(np.hypot(*force))
+        if not magnitude_n <= MAX_FORCE_N:
+            return implausible(stamp_ns, magnitude_n, line.shape)
+        half_n = fitted.interval.half_n[:2] * np.sqrt(np.diag(fit.covariance_n2))
+        sigma_n = magnitude_sigma(force, fit.covariance_n2)
+        covariance_n2, interval_n = np.full((3, 3), np.nan), np.full((3, 2), np.nan)
+        covariance_n2[:2, :2] = fit.covariance_n2
+        interval_n[:2, 0], interval_n[:2, 1] = force - half_n, force + half_n
+        ends = np.array(fitted.interval.magnitude_interval(magnitude_n, sigma_n))
         return ForceEstimate(
-            stamp_ns=stamp_ns,
-            force_n=np.append(force, np.nan),
-            known=_KNOWN,
-            covariance_n2=covariance,
-            interval_n=interval,
-            magnitude_n=magnitude,
-            magnitude_interval_n=np.array(fitted.interval.magnitude_interval(magnitude, sigma_n)),
-            shape=line.shape,
+            stamp_ns, np.append(force, np.nan), _KNOWN, covariance_n2, interval_n, magnitude_n, ends, shape=line.shape
         )
 
     def _force(self, line: RodLine, info: SessionInfo) -> ForceFit:
+        """Returns the force that bends the session's rod to a line, with the fitted constants or the stated ones."""
         fitted = self.fitted_ or _unfitted(self.settings, self.stations)
         model = self._model_of(info, line.knob_deg, fitted.stiffness_factor, fitted.precurvature_offset_per_m)
         noise = StationNoise.of(fitted.covariance_m2, self.settings.force_std_n)
@@ -304,33 +302,38 @@ class RodModelEstimator(PlanarRodEstimator):
         stated = _unfitted(self.settings, self.stations).covariance_m2
         root = np.linalg.cholesky(np.linalg.inv(stated))
 
-        def wrong(unknown: FloatArray) -> FloatArray:
-            apart = self._wrong(lines, infos, force, float(np.exp(unknown[0])), float(unknown[1]))
-            return np.nan_to_num(apart @ root, nan=1e3).ravel()
+        def whitened(unknown: FloatArray) -> FloatArray:
+            residuals_m = self._residuals(lines, infos, force, float(np.exp(unknown[0])), float(unknown[1]))
+            return np.nan_to_num(residuals_m @ root, nan=1e3).ravel()  # NaN: no equilibrium, a bad fit
 
         assert self.fitted_ is not None
         widest = np.log(_STATED_WITHIN if self.fitted_.stiffness_stated else _TYPICAL_WITHIN)
-        found = least_squares(
-            wrong,
-            np.zeros(2),
-            x_scale=[0.1, 1.0],
-            diff_step=1e-3,
-            bounds=([-widest, -MAX_OFFSET_PER_M], [widest, MAX_OFFSET_PER_M]),
-            max_nfev=15,
-        )
-        return float(np.exp(found.x[0])), float(found.x[1])
+        bounds = [-widest, -MAX_OFFSET_PER_M], [widest, MAX_OFFSET_PER_M]
+        result = least_squares(
+            whitened, np.zeros(2), x_scale=[0.1, 1.0], diff_step=1e-3, bounds=bounds, max_nfev=15
+        )  # fmt: skip
+        return float(np.exp(result.x[0])), float(result.x[1])
 
-    def _wrong(
+    def _residuals(
         self, lines: Sequence[RodLine], infos: Sequence[SessionInfo], force: FloatArray, factor: float, offset: float
     ) -> FloatArray:
-        """Returns (n, 2 k) detected less modelled stations under known forces (n, 2)."""
-        return np.array(
-            [
-                line.stations_m[-2 * self.stations :]
-                - model_stations(self._model_of(info, line.knob_deg, factor, offset), each, self.stations)
-                for line, info, each in zip(lines, infos, force, strict=True)
-            ]
-        )
+        """Returns detected less modelled stations, x and y of each in metres, under known forces.
+
+        Args:
+            lines: n detected lines.
+            infos: metadata of the session of each.
+            force: (n, 2) forces, N.
+            factor: factor of the nominal stiffness.
+            offset: offset of the pre-curvature, 1/m.
+
+        Returns:
+            (n, 2 stations); NaN without an equilibrium.
+        """
+        last, residuals = self.stations, list[FloatArray]()
+        for line, info, force_n in zip(lines, infos, force, strict=True):
+            model = self._model_of(info, line.knob_deg, factor, offset)
+            residuals.append(line.stations_m[-2 * last :] - model_stations(model, force_n, last))
+        return np.array(residuals)
 
     def _shared_vision(self, dataset: Dataset) -> ResolvedVision | None:
         """Returns the detection of the first session that shows a catheter; sessions without images begin with it."""
@@ -353,15 +356,15 @@ class RodModelEstimator(PlanarRodEstimator):
 
     def _lines(self, dataset: Dataset, report: Callable[[float], None]) -> list[RodLine | Abstention]:
         """Reads the line of each sample of ``dataset``, session after session, in its order."""
-        found: dict[int, RodLine | Abstention] = {}
+        lines: dict[int, RodLine | Abstention] = {}
         for name in dataset.sessions:
             info, part = dataset.session_info[name], dataset.subset(dataset.session == name)
             images = calibration_images(dataset, name, self.views[0]) if self.calibrates_on_images else ()
             reader = self.reader(info, images)
             key = f"rod model lines {reader.key}"
-            found |= dict(zip(part.rows.tolist(), part.derive(key, reader.read), strict=True))
-            report(len(found) / len(dataset))
-        return [found[row] for row in dataset.rows.tolist()]
+            lines |= dict(zip(part.rows.tolist(), part.derive(key, reader.read), strict=True))
+            report(len(lines) / len(dataset))
+        return [lines[row] for row in dataset.rows.tolist()]
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """Returns the results of `fit` and `calibrate`."""
@@ -443,6 +446,7 @@ class RodModelStream:
 def _model(
     kind: Callable[[PlanarRod], RodModel], catheter: Catheter, stiffness_nm2: float, precurvature_per_m: float
 ) -> RodModel:
+    """Makes the rod model ``kind`` of a catheter; it is kept, since most frames have the same knob angle."""
     assert catheter.flexible_length_m is not None
     rod = PlanarRod(catheter.flexible_length_m, stiffness_nm2, catheter.rigid_length_m or 0.0, precurvature_per_m)
     joints = rod.segments + 1
@@ -454,16 +458,19 @@ def _model(
 
 
 def _unfitted(settings: RodModelSettings, stations: int) -> _Fitted:
-    """Propagates stated uncertainties, in place of measured ones, to the stations of a straight catheter of 50 mm."""
-    length = 0.05
-    arc = np.arange(STATIONS + 1 - stations, STATIONS + 1) / STATIONS * length
+    """Returns the state before `fit`: the stations' covariance follows from the stated uncertainties.
+
+    They are propagated to the last ``stations`` stations of a straight catheter of typical length. Each mode is their
+    displacement in x and y, m, by one standard deviation of: position of the base, its direction, length, curvature.
+    """
+    arc_m = np.arange(STATIONS + 1 - stations, STATIONS + 1) / STATIONS * _TYPICAL_LENGTH_M
     none, one = np.zeros(stations), np.ones(stations)
     modes = [
         settings.base_std_m * np.column_stack([one, none]),
         settings.base_std_m * np.column_stack([none, one]),
-        settings.base_std_rad * np.column_stack([none, arc]),
-        settings.length_std_m / length * np.column_stack([arc, none]),
-        settings.precurvature_std_per_m * np.column_stack([none, 0.5 * arc**2]),
+        settings.base_std_rad * np.column_stack([none, arc_m]),
+        settings.length_std_m / _TYPICAL_LENGTH_M * np.column_stack([arc_m, none]),
+        settings.precurvature_std_per_m * np.column_stack([none, 0.5 * arc_m**2]),
     ]
     covariance = settings.station_std_m**2 * np.eye(2 * stations)
     for mode in modes:
@@ -472,13 +479,19 @@ def _unfitted(settings: RodModelSettings, stations: int) -> _Fitted:
 
 
 def _interval(fits: Sequence[ForceFit], force: FloatArray, session: npt.NDArray[np.str_], sampling: str) -> Interval:
-    """Returns conformal half-widths in standard deviations; ``sampling``: empty where the sessions were held out."""
+    """Returns the intervals, in standard deviations, of the fits that converged; unbounded where none did.
+
+    Args:
+        fits: n fitted forces.
+        force: (n, 2) measured forces, N.
+        session: (n,) sessions.
+        sampling: how the samples were drawn; empty: whole sessions were held out.
+    """
     use = np.array([fit.converged for fit in fits], np.bool_)
     if not use.any():
         return replace(_GAUSSIAN, half_n=np.array([np.inf, np.inf, np.nan]), magnitude_half_n=np.inf)
-    kept = [fit for fit in fits if fit.converged]
-    found, covariance = np.array([fit.force_n for fit in kept]), np.array([fit.covariance_n2 for fit in kept])
-    return normalised_interval(_KNOWN, found, covariance, force[use], session[use], sampling)
+    fitted, covariance = (np.array([getattr(fit, name) for fit in fits])[use] for name in ("force_n", "covariance_n2"))
+    return normalised_interval(_KNOWN, fitted, covariance, force[use], session[use], sampling)
 
 
 _Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]

@@ -16,7 +16,9 @@ residual of the models' own iterations."""
 _STUCK_N = 1e-4
 """Where no step is better and the last one tried was shorter, it is rounding that is in the way."""
 _MAX_STEP_N = 0.1
+"""Longer steps could leave the branch of the unloaded shape."""
 _TOLERANCE_N = 1e-5
+"""The fit ends with a step that is shorter."""
 _ITERATIONS, _TRIALS = 25, 10
 
 
@@ -114,23 +116,23 @@ def fit_force(model: RodModel, stations_m: FloatArray, noise: StationNoise) -> F
     """
     last, prior = len(stations_m) // 2, noise.force_std_n**-2
     force = np.zeros(2)
-    wrong = stations_m - model_stations(model, force, last)
-    cost, damping, converged = _cost(wrong, force, noise), 1e-3, False
+    residual = stations_m - model_stations(model, force, last)
+    cost, damping, converged = _cost(residual, force, noise), 1e-3, False
     normal, step = prior * np.eye(2), np.zeros(2)
     for _ in range(_ITERATIONS):
-        ahead = [stations_m - model_stations(model, force + step, last) for step in _STEP_N * np.eye(2)]
-        slopes = np.column_stack([(wrong - each) / _STEP_N for each in ahead])
+        moved = [stations_m - model_stations(model, force + step, last) for step in _STEP_N * np.eye(2)]
+        slopes = np.column_stack([(residual - each) / _STEP_N for each in moved])  # of the model's stations, m/N
         normal = slopes.T @ noise.weight @ slopes + prior * np.eye(2)
         if not np.isfinite(normal).all():
             break
-        downhill = slopes.T @ (noise.weight @ wrong) - prior * force
+        downhill = slopes.T @ (noise.weight @ residual) - prior * force
         for _ in range(_TRIALS):
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), downhill)
             step *= min(1.0, _MAX_STEP_N / max(float(np.linalg.norm(step)), 1e-300))
-            tried = stations_m - model_stations(model, force + step, last)
-            tried_cost = _cost(tried, force + step, noise)
-            if tried_cost <= cost:  # False for NaN
-                force, wrong, cost, damping = force + step, tried, tried_cost, damping / 8.0
+            trial = stations_m - model_stations(model, force + step, last)
+            trial_cost = _cost(trial, force + step, noise)
+            if trial_cost <= cost:  # False for NaN
+                force, residual, cost, damping = force + step, trial, trial_cost, damping / 8.0
                 break
             damping *= 8.0
         else:
@@ -143,5 +145,5 @@ def fit_force(model: RodModel, stations_m: FloatArray, noise: StationNoise) -> F
     return ForceFit(force, covariance.astype(np.float64), cost, converged)
 
 
-def _cost(wrong: FloatArray, force: FloatArray, noise: StationNoise) -> float:
-    return float(wrong @ noise.weight @ wrong + force @ force / noise.force_std_n**2)
+def _cost(residual: FloatArray, force: FloatArray, noise: StationNoise) -> float:
+    return float(residual @ noise.weight @ residual + force @ force / noise.force_std_n**2)

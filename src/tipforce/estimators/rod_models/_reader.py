@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from ...types import DetectedShape, FloatArray, Image, Observation, SessionInfo
 from ...vision import ResolvedVision, VisionSettings
 from .._reading import Abstention, implausible_actuation, read_actuation
@@ -56,19 +54,22 @@ class RodReader:
         return self._detection.key
 
     def read(self, observation: Observation) -> RodLine | Abstention:
-        """Returns the stations in metres, or the reason why there are none."""
+        """Returns the stations in metres and the knob's angle, or the reason why there are none.
+
+        The knob counts as 0 degrees where its gain is not stated: then it has no known effect on the shape.
+        """
         line = self._detection.read(observation)
-        knob = np.zeros(1)
+        knob_deg = 0.0
         if self._info.actuation.knob_gain_per_m_deg:
-            found = read_actuation(observation, (_KNOB,))
-            if isinstance(found, Abstention):
-                return replace(found, detail=f"{_KNOB} is absent, and the catheter is bent by it; state it")
-            if (abstention := implausible_actuation({_KNOB: float(found[0])}, self._info)) is not None:
+            values = read_actuation(observation, (_KNOB,))
+            if isinstance(values, Abstention):
+                return replace(values, detail=f"{_KNOB} is absent, and the catheter is bent by it; state it")
+            knob_deg = float(values[0])
+            if (abstention := implausible_actuation({_KNOB: knob_deg}, self._info)) is not None:
                 return abstention
-            knob = found
         if isinstance(line, Abstention):
             return line
         base = line.shape.base
         assert base is not None
         points_m = base.to_base(line.centreline.points) * line.scale_m_per_px
-        return RodLine(line_stations(points_m), line.shape, float(knob[0]))
+        return RodLine(line_stations(points_m), line.shape, knob_deg)

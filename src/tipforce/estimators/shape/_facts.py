@@ -65,8 +65,8 @@ class ShapeFacts(ModelFacts, frozen=True):
         performance = [f"| {' | '.join(headings)} |", "|---" * len(headings) + "|"]
         for name, each in self.targets.items():
             rmse, half = f"{each.cv_rmse_n * 1e3:.1f} mN", half_width_text(each.interval_half_width_n)
-            own = [texts[name] for texts in more.values()]
-            performance.append(f"| {' | '.join([name, *own, rmse, half])} |")
+            cells = [name, *(texts[name] for texts in more.values()), rmse, half]
+            performance.append(f"| {' | '.join(cells)} |")
             training.append(f"{name}: {self.target_text(name)}error over folds {rmse}; 90 % interval {half}")
         intervals = magnitude_intervals(self.magnitude_interval_n)
         performance += [

@@ -42,13 +42,10 @@ class Inputs:
 
     def names(self, view: Image | ShapeFeatures) -> tuple[str, ...]:
         """Returns the names of the shape numbers of ``view``; the angle series comes after the others."""
-        first = view.names if isinstance(view, ShapeFeatures) else feature_names(self._settings.features)
-        extra = (
-            ()
-            if self._angle_features is None
-            else tuple(f"angle {name}" for name in feature_names(self._angle_features))
-        )
-        return (*first, *extra)
+        names = view.names if isinstance(view, ShapeFeatures) else feature_names(self._settings.features)
+        if self._angle_features is None:
+            return tuple(names)
+        return (*names, *(f"angle {name}" for name in feature_names(self._angle_features)))
 
     def read(self, observation: Observation) -> FloatArray | Abstention:
         """Returns (k,) shape numbers and actuation, or the reason why there are none."""
@@ -63,6 +60,7 @@ class Inputs:
         return drives if isinstance(drives, Abstention) else np.concatenate([values, drives])
 
     def _image(self, image: Image) -> FloatArray | Abstention:
+        """Returns the shape numbers of the catheter in an image, or the reason why there are none."""
         self.shape = detected = self._detector.detect(image)
         if not detected.found:
             return Abstention(detected.status, detected.detail)
@@ -77,6 +75,7 @@ class Inputs:
         return values
 
     def _table(self, view: ShapeFeatures) -> FloatArray | Abstention:
+        """Returns ready-made shape numbers, with the angle series where it is used, or the reason of an abstention."""
         if self._shape_names is not None and self.names(view) != self._shape_names:
             return Abstention(
                 Status.MISSING_INPUT,
@@ -105,18 +104,18 @@ def angles_of_polynomial(coefficients: FloatArray, features: ShapeFeatureSetting
     Raises:
         InputError: the settings do not describe the coefficients.
     """
-    wanted = features.degree + features.constant
-    if features.kind != "polynomial" or len(coefficients) != wanted:
+    expected = features.degree + features.constant
+    if features.kind != "polynomial" or len(coefficients) != expected:
         raise InputError(
             f"the data have {len(coefficients)} shape numbers, but features.kind={features.kind}, "
             f"features.degree={features.degree}, features.constant={str(features.constant).lower()} describe "
-            f"{wanted}: set them as the numbers were made, or leave angles out"
+            f"{expected}: set them as the numbers were made, or leave angles out"
         )
     if angles.length is None:
         raise InputError("an angle series of ready-made polynomials needs the setting angles.length, in their unit")
     x = np.linspace(0.0, angles.length, 4 * _CURVE_POINTS)
     y = np.polyval(coefficients if features.constant else np.append(coefficients, 0.0), x)
     arc = arc_length(np.column_stack([x, y]))
-    at = np.linspace(0.0, angles.length, _CURVE_POINTS)
-    points = np.column_stack([np.interp(at, arc, x), np.interp(at, arc, y)])
+    even_arc = np.linspace(0.0, angles.length, _CURVE_POINTS)
+    points = np.column_stack([np.interp(even_arc, arc, x), np.interp(even_arc, arc, y)])
     return angle_matrix(_CURVE_POINTS, angles.degree) @ turning_angles(points, 1.0, 0.0)

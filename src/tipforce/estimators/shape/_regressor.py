@@ -239,8 +239,9 @@ class ShapeRegressor(CentrelineEstimator):
             rows = rows.at(draw_samples(len(rows.features), settings.training_samples, settings.seed))
         known = dataset.known.copy() if settings.force == "components" else np.zeros(3, np.bool_)
         trained = self.train(rows, lambda what, share: report(what, 0.4 + 0.55 * share))
-        index, found, truth = trained.index, trained.held_out_n, rows.truth_n[trained.index]
-        if not np.isfinite(found).all():
+        index, held_out_n, truth = trained.index, trained.held_out_n, rows.truth_n[trained.index]
+        error = held_out_n - truth
+        if not np.isfinite(held_out_n).all():
             raise InputError(
                 f"{dataset.title}: {self.name} estimates forces that are not finite, on samples that were held out"
             )
@@ -250,8 +251,8 @@ class ShapeRegressor(CentrelineEstimator):
             shape=rows.names,
             known=known,
             model=trained.model,
-            cv_rmse_n=tuple(_rms(found[:, t] - truth[:, t]) for t in range(found.shape[1])),
-            interval=conformal_interval(known, found, found - truth, truth, rows.session[index], trained.by_session),
+            cv_rmse_n=tuple(_rms(error[:, t]) for t in range(error.shape[1])),
+            interval=conformal_interval(known, held_out_n, error, truth, rows.session[index], trained.by_session),
             samples=len(rows.features),
             left_out=left_out,
             sessions=len(set(rows.session.tolist())),
@@ -276,10 +277,9 @@ class ShapeRegressor(CentrelineEstimator):
                 f"{dataset.title}: intervals cannot be found on {len(dataset)} samples without a known shape; the "
                 f"first says: {rows.why_not}"
             )
-        found = self._regressed(fitted.model, rows.features, rows.truth_n.shape[1])
-        interval = conformal_interval(
-            fitted.known, found, found - rows.truth_n, rows.truth_n, rows.session, held_out=True
-        )
+        force_n = self._regressed(fitted.model, rows.features, rows.truth_n.shape[1])
+        error = force_n - rows.truth_n
+        interval = conformal_interval(fitted.known, force_n, error, rows.truth_n, rows.session, held_out=True)
         self.fitted_ = fitted.model_copy(update={"interval": interval})
         return self
 
@@ -294,9 +294,9 @@ class ShapeRegressor(CentrelineEstimator):
         return found
 
     def _shared_vision(self, dataset: Dataset) -> ResolvedVision | None:
-        """Returns the detection for images of any session, from images all over the dataset; None where that fails.
+        """Resolves the detection on images from the whole dataset; None where that fails.
 
-        A session whose images are not at hand begins with it; that of each session is resolved on its own images.
+        A session without images beforehand begins with it, until its own images have resolved the detection.
         """
         some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, CALIBRATION_SAMPLES).astype(np.int64)))
         warn_of_sizes(dataset, self.settings.vision.view)
@@ -322,8 +322,8 @@ class ShapeRegressor(CentrelineEstimator):
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """Returns the learnt state as JSON values and arrays."""
         fitted = self.fitted()
-        own, arrays = self.model_state(fitted.model)
-        return {**fitted.model_dump(mode="json"), "targets": list(fitted.targets), "model": own}, arrays
+        model_values, arrays = self.model_state(fitted.model)
+        return {**fitted.model_dump(mode="json"), "targets": list(fitted.targets), "model": model_values}, arrays
 
     @classmethod
     def from_state(

@@ -81,21 +81,22 @@ def gather_rows(
     source = dataset.whole or dataset
     wanted = _needed(settings, dataset, source)
     frames = source if wanted.all() else source.subset(wanted)
-    names: tuple[str, ...] | None = None
-    called = frames.names_of(settings.vision.view)
+    sample_names = frames.names_of(settings.vision.view)
     done = 0
 
     def read(observation: Observation, inputs: Inputs) -> tuple[tuple[str, ...], FloatArray | Abstention]:
+        """Returns the names of the shape numbers of a frame, and its features or the reason why there are none."""
         nonlocal done
         done += 1
         report(done / len(frames))
         view = observation.views.get(settings.vision.view)
         return (() if view is None else inputs.names(view)), inputs.read(observation)
 
+    # first the features of each frame, session by session, kept with the dataset under a key of all that they depend on
     chosen = settings.model_dump_json(include={"vision", "features", "angles"}) + repr(tuple(actuation))
     by_session = detector_kind(settings.vision.method).by_session
     vision: ResolvedVision | None = None
-    seen: list[tuple[tuple[str, ...], FloatArray | Abstention]] = []
+    frame_features: list[tuple[tuple[str, ...], FloatArray | Abstention]] = []
     for name in frames.sessions:
         info, images = frames.session_info[name], ()
         if by_session:
@@ -105,30 +106,32 @@ def gather_rows(
             vision = detector.vision
         inputs = Inputs(settings, actuation, detector)
         key = f"shape inputs {chosen} {detector.key}"
-        seen += frames.subset(frames.session == name).derive(key, partial(read, inputs=inputs))
-    found: dict[int, FloatArray] = {}
+        frame_features += frames.subset(frames.session == name).derive(key, partial(read, inputs=inputs))
+    # then the windows over them
+    by_row: dict[int, FloatArray] = {}
+    names: tuple[str, ...] | None = None
     why_not = ""
     window, session = Window(settings.window), None
-    here = set(dataset.rows.tolist())
-    for place, (own, row) in enumerate(seen):
-        if frames.session[place] != session:
-            window, session = Window(settings.window), frames.session[place]
-        number = int(frames.rows[place])
+    dataset_rows = set(dataset.rows.tolist())
+    for index, (shape_names, row) in enumerate(frame_features):
+        if frames.session[index] != session:
+            window, session = Window(settings.window), frames.session[index]
+        number = int(frames.rows[index])
         if isinstance(row, Abstention):
-            if number in here and not why_not:
-                why_not = f"{called[place]}: {row.detail} ({row.status})"
+            if number in dataset_rows and not why_not:
+                why_not = f"{sample_names[index]}: {row.detail} ({row.status})"
             continue
-        if names is not None and own != names:
+        if names is not None and shape_names != names:
             raise InputError(
-                f"{dataset.title}: the samples differ in their shape numbers: {called[place]} has "
-                f"{', '.join(own)}, the first has {', '.join(names)}"
+                f"{dataset.title}: the samples differ in their shape numbers: {sample_names[index]} has "
+                f"{', '.join(shape_names)}, the first has {', '.join(names)}"
             )
-        names = own
-        found[number] = window.push(int(frames.stamp_ns[place]), row) if settings.window.used else row
-    kept = np.array([row in found for row in dataset.rows.tolist()], np.bool_)
+        names = shape_names
+        by_row[number] = window.push(int(frames.stamp_ns[index]), row) if settings.window.used else row
+    kept = np.array([row in by_row for row in dataset.rows.tolist()], np.bool_)
     truth = _targets(settings, dataset)
     learn = _averaged(truth, dataset, settings.label_average_ms) if settings.label_average_ms else truth
-    features = [found[row] for row in dataset.rows[kept].tolist()]
+    features = [by_row[row] for row in dataset.rows[kept].tolist()]
     width = 0 if names is None else len(names) + len(actuation)
     return Rows(
         features=np.array(features).reshape(len(features), -1) if features else np.empty((0, 0)),
@@ -144,18 +147,24 @@ def gather_rows(
 
 
 def _needed(settings: ShapeRegressorSettings, dataset: Dataset, source: Dataset) -> BoolArray:
-    """Returns (len(source),) True for the samples of ``dataset`` and the earlier frames that the window needs."""
-    own = np.isin(source.rows, dataset.rows)
+    """Returns (len(source),) True for the samples of ``dataset`` and the earlier frames that the window needs.
+
+    Args:
+        settings: settings of the window.
+        dataset: the samples.
+        source: all frames of their sessions.
+    """
+    in_dataset = np.isin(source.rows, dataset.rows)
     if not settings.window.used:
-        return own
-    needed = own.copy()
-    reach = settings.window.reach_ns + round(settings.window.gap_ms * 1e6)
+        return in_dataset
+    needed = in_dataset.copy()
+    reach_ns = settings.window.reach_ns + round(settings.window.gap_ms * 1e6)
     for name in dataset.sessions:
         rows = np.flatnonzero(source.session == name)
-        stamps, mine = source.stamp_ns[rows], source.stamp_ns[rows[own[rows]]]
-        following = np.searchsorted(mine, stamps)
-        near = following < len(mine)
-        near[near] &= mine[following[near]] - stamps[near] <= reach
+        stamps, sample_stamps = source.stamp_ns[rows], source.stamp_ns[rows[in_dataset[rows]]]
+        next_sample = np.searchsorted(sample_stamps, stamps)
+        near = next_sample < len(sample_stamps)
+        near[near] &= sample_stamps[next_sample[near]] - stamps[near] <= reach_ns
         needed[rows[near]] = True
     return needed
 
@@ -170,16 +179,16 @@ def _targets(settings: ShapeRegressorSettings, dataset: Dataset) -> FloatArray:
 
 def _averaged(values: FloatArray, dataset: Dataset, width_ms: float) -> FloatArray:
     """Returns the mean of the labels of ``dataset`` within half of ``width_ms`` before and after each sample."""
-    half = round(width_ms * 0.5e6)
-    out = np.empty_like(values)
+    half_ns = round(width_ms * 0.5e6)
+    means = np.empty_like(values)
     for name in dataset.sessions:
         rows: IntArray = np.flatnonzero(dataset.session == name)
         stamps = dataset.stamp_ns[rows]
-        total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[rows], axis=0)])
-        first = np.searchsorted(stamps, stamps - half, side="left")
-        last = np.searchsorted(stamps, stamps + half, side="right")
-        out[rows] = (total[last] - total[first]) / (last - first)[:, None]
-    return out
+        sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[rows], axis=0)])
+        first = np.searchsorted(stamps, stamps - half_ns, side="left")
+        last = np.searchsorted(stamps, stamps + half_ns, side="right")
+        means[rows] = (sums[last] - sums[first]) / (last - first)[:, None]
+    return means
 
 
 def warn_of_sizes(dataset: Dataset, view: str) -> None:
@@ -190,14 +199,14 @@ def warn_of_sizes(dataset: Dataset, view: str) -> None:
         view: name of the view.
     """
     _, first = np.unique(dataset.session, return_index=True)
-    found: dict[tuple[int, ...], str] = {}
-    part = dataset.subset(np.sort(first))
-    for name, observation in zip(part.session.tolist(), part.observations(), strict=True):
+    session_by_size: dict[tuple[int, ...], str] = {}
+    first_frames = dataset.subset(np.sort(first))
+    for name, observation in zip(first_frames.session.tolist(), first_frames.observations(), strict=True):
         image = observation.views.get(view)
         if isinstance(image, np.ndarray):
-            found.setdefault(image.shape[:2], name)
-    if len(found) > 1:
-        sizes = ", ".join(f"{width}x{height} in {name}" for (height, width), name in found.items())
+            session_by_size.setdefault(image.shape[:2], name)
+    if len(session_by_size) > 1:
+        sizes = ", ".join(f"{width}x{height} in {name}" for (height, width), name in session_by_size.items())
         warnings.warn(
             f"{dataset.title}: the images differ in size ({sizes}), and shape numbers are in pixels: train on "
             "sessions of one camera at one distance",

@@ -42,6 +42,7 @@ class Window:
         return np.concatenate([self._at(stamp_ns - lag) for lag in self._lags_ns])
 
     def _at(self, end_ns: int) -> FloatArray:
+        """Returns the newest row (k,) not after ``end_ns``, or the mean of the rows in ``average_ms`` before it."""
         newest = self._past[0][1]
         rows: list[FloatArray] = []
         for stamp, row in self._past:

@@ -61,6 +61,13 @@ def _probes(machines: Machines) -> FloatArray:
 
 
 def _graph(onnx: Any, machines: Machines, facts: dict[str, str]) -> Any:
+    """Returns the ONNX model of `Machines`: for each target the kernel sum and the linear part, in newtons.
+
+    Args:
+        onnx: the module onnx.
+        machines: the fitted machines.
+        facts: metadata of the model.
+    """
     helper, number = onnx.helper, onnx.numpy_helper.from_array
     constants: list[Any] = []
     nodes: list[Any] = []
@@ -76,8 +83,8 @@ def _graph(onnx: Any, machines: Machines, facts: dict[str, str]) -> Any:
     def summed(square: str, out: str) -> str:
         return node("ReduceSum", square, constant(f"{out}_axis", np.array([1], np.int64)), out=out, keepdims=1)
 
-    x = node("Sub", "features", constant("shift", machines.shift), out="moved")
-    x = node("Mul", x, constant("scale", machines.scale), out="x")
+    shifted = node("Sub", "features", constant("shift", machines.shift), out="moved")
+    x = node("Mul", shifted, constant("scale", machines.scale), out="x")  # (n, k) scaled features
     length = summed(node("Mul", x, x, out="x_squared"), "x_length")
     forces: list[str] = []
     start = 0
@@ -94,8 +101,8 @@ def _graph(onnx: Any, machines: Machines, facts: dict[str, str]) -> Any:
         )
         straight = node("MatMul", x, constant(f"weights_{t}", machines.weights[t][:, None]), out=f"s_{t}")
         both = node("Add", curved, straight, out=f"both_{t}")
-        moved = node("Add", both, constant(f"intercept_{t}", np.array(machines.intercept[t])), out=f"share_{t}")
-        forces.append(node("Mul", moved, constant(f"unit_{t}", np.array(machines.unit_n[t])), out=f"newtons_{t}"))
+        share = node("Add", both, constant(f"intercept_{t}", np.array(machines.intercept[t])), out=f"share_{t}")
+        forces.append(node("Mul", share, constant(f"unit_{t}", np.array(machines.unit_n[t])), out=f"newtons_{t}"))
     node("Concat", *forces, out="force_n", axis=1)
     double, width = onnx.TensorProto.DOUBLE, machines.vectors.shape[1]
     graph = helper.make_graph(

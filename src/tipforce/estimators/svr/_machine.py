@@ -131,7 +131,7 @@ def evaluate(
     weights: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Evaluates thesis eq. (13) with eq. (15) for every target.
+    """Computes the forces of one frame: for each target, kernels of the support vectors (thesis eq. 13 and 15).
 
     Args:
         raw: (k,) features.
@@ -158,8 +158,8 @@ def evaluate(
         for i in range(start, ends[t]):
             square = 0.0
             for j in range(k):
-                d = x[j] - vectors[i, j]
-                square += d * d
+                difference = x[j] - vectors[i, j]
+                square += difference * difference
             total += dual[i] * math.exp(-gamma[t] * square)
         start = ends[t]
         out[t] = total * unit_n[t]
@@ -219,23 +219,23 @@ def fit_machines(
 
     x = np.ascontiguousarray((raw - shift) * scale)
     unit = largest(targets_n)
-    vectors, dual, intercept, weights, found = [], [], [], [], np.empty_like(targets_n)
+    vectors, dual, intercept, weights, predicted = [], [], [], [], np.empty_like(targets_n)
     for t, chosen in enumerate(constants):
         y = targets_n[:, t] / unit[t]
         common: dict[str, Any] = {"C": chosen.c, "epsilon": chosen.epsilon, "cache_size": 500}
         if linear.any():
             kernel = gram(squared_distances(x, x), (x * linear) @ x.T, chosen.sigma)
             machine = SVR(kernel="precomputed", **common).fit(kernel, y)
-            found[:, t] = machine.predict(kernel)
+            predicted[:, t] = machine.predict(kernel)
         else:
             # scikit-learn's stubs know gamma as a word only
             machine = SVR(kernel="rbf", gamma=1.0 / chosen.sigma**2, **common).fit(x, y)  # type: ignore[arg-type]
-            found[:, t] = machine.predict(x)
+            predicted[:, t] = machine.predict(x)
         support = np.asarray(machine.support_)
         vectors.append(x[support])
         dual.append(np.asarray(machine.dual_coef_)[0])
         intercept.append(float(np.asarray(machine.intercept_)[0]))
-        weights.append((dual[-1] @ x[support]) * linear)
+        weights.append((dual[-1] @ x[support]) * linear)  # the linear part of the kernel, summed over the vectors
     machines = Machines(
         shift=shift,
         scale=scale,
@@ -247,8 +247,8 @@ def fit_machines(
         unit_n=unit,
         weights=np.ascontiguousarray(weights),
     )
-    parity = float(np.max(np.abs(machines.many(raw) - found * unit)))
-    return Machines(**machines.arrays(), parity_n=parity)
+    parity_n = float(np.max(np.abs(machines.many(raw) - predicted * unit)))
+    return Machines(**machines.arrays(), parity_n=parity_n)
 
 
 def largest(values: FloatArray) -> FloatArray:

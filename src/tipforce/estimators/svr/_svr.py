@@ -70,15 +70,16 @@ class Svr(ShapeRegressor):
         shift, scale = scaling_of(rows.features, settings.scaling)
         linear = _linear_weights(settings, rows)
         index = draw_samples(len(rows.features), settings.tuning_samples, settings.seed)
-        part = rows.at(index)
-        folds, by_session = make_folds(part.session, settings)
-        constants, held_out_n = choose(
-            part.features, part.learn_n, part.truth_n, folds, settings, linear,
+        tuning_rows = rows.at(index)
+        folds, by_session = make_folds(tuning_rows.session, settings)
+        chosen, held_out_n = choose(
+            tuning_rows.features, tuning_rows.learn_n, tuning_rows.truth_n, folds, settings, linear,
             lambda what, share: report(what, 0.9 * share),
         )  # fmt: skip
         report("training", 0.92)
+        # C weighs the sum of the errors against flatness: with more samples it becomes smaller in proportion
         share = len(index) / len(rows.features)
-        constants = tuple(replace(each, c=each.c * share) for each in constants)
+        constants = tuple(replace(each, c=each.c * share) for each in chosen)
         machines = fit_machines(rows.features, rows.learn_n, constants, shift, scale, linear)
         return Trained(SvrModel(machines, constants), index, held_out_n, by_session)
 
@@ -123,8 +124,8 @@ class Svr(ShapeRegressor):
         fitted = self.fitted()
         rows = gather_rows(self.settings, fitted.actuation, dataset, lambda _: None, fitted.vision)
         machines, lags = fitted.model.machines, self.settings.window.lags_ms
-        own = (*fitted.shape, *fitted.actuation)
-        names = tuple(name if lag == 0 else f"{name} {lag:g} ms ago" for lag in lags for name in own)
+        frame_names = (*fitted.shape, *fitted.actuation)
+        names = tuple(name if lag == 0 else f"{name} {lag:g} ms ago" for lag in lags for name in frame_names)
         return names, (rows.features - machines.shift) * machines.scale, fitted.targets, rows.truth_n / machines.unit_n
 
     def describe(self) -> SvrFacts:
@@ -146,12 +147,12 @@ class Svr(ShapeRegressor):
 
 
 def _linear_weights(settings: SvrSettings, rows: Rows) -> FloatArray:
-    """Returns (k,) the weight of each feature's products in the kernel."""
+    """Returns (k,) weights of the features in the kernel's linear part, see `SvrSettings.linear`; equal in all lags."""
     width = rows.features.shape[1]
     if settings.linear == 0.0:
         return np.zeros(width)
-    one = np.ones(rows.width, np.bool_)
+    of_lag = np.ones(rows.width, np.bool_)
     if settings.angles is not None:
-        one = np.array([name.startswith("angle ") for name in rows.names] + [True] * (rows.width - len(rows.names)))
-    chosen = np.tile(one, width // rows.width)
+        of_lag = np.array([name.startswith("angle ") for name in rows.names] + [True] * (rows.width - len(rows.names)))
+    chosen = np.tile(of_lag, width // rows.width)
     return np.where(chosen, settings.linear / np.count_nonzero(chosen), 0.0)

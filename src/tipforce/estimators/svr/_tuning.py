@@ -14,6 +14,9 @@ from ._settings import SvrSettings
 MAX_ERROR_RISE = 1.05
 """Larger values of C are skipped after the error has risen by this factor over the smallest one at the same sigma."""
 
+_BETTER = 1 - 1e-6
+"""An error below the least one by less than this factor is a tie."""
+
 Scaling = tuple[FloatArray, FloatArray]
 Report = Callable[[str, float], None]
 
@@ -42,24 +45,34 @@ def scaling_of(raw: FloatArray, how: str) -> Scaling:
 
 @dataclass(frozen=True)
 class _Part:
-    """One fold with all numbers that no constant changes: distances, products, labels in shares of the largest."""
+    """One fold: its samples, and the matrices of the kernel that C, epsilon and sigma do not change.
+
+    ``train_`` and ``test_``: squared distances and weighted products (or None) of the training and the test samples to
+    the training samples.
+    """
 
     train: IntArray
     test: IntArray
-    near: FloatArray
-    far: FloatArray
-    near_products: FloatArray | None
-    far_products: FloatArray | None
+    train_distances: FloatArray
+    test_distances: FloatArray
+    train_products: FloatArray | None
+    test_products: FloatArray | None
 
 
 class _Search:
+    """Estimates of held-out samples, for any constants."""
+
     def __init__(self, raw: FloatArray, folds: Sequence[Fold], settings: SvrSettings, linear: FloatArray) -> None:
+        """Prepares the folds; see `choose` for the arguments. Each fold is scaled by its training samples alone."""
         self.parts: list[_Part] = []
         for train, test in folds:
             shift, scale = scaling_of(raw[train], settings.scaling)
-            a, b = (raw[train] - shift) * scale, (raw[test] - shift) * scale
-            products = ((a * linear) @ a.T, (b * linear) @ a.T) if linear.any() else (None, None)
-            self.parts.append(_Part(train, test, squared_distances(a, a), squared_distances(b, a), *products))
+            x_train, x_test = (raw[train] - shift) * scale, (raw[test] - shift) * scale
+            products = (None, None)
+            if linear.any():
+                products = (x_train * linear) @ x_train.T, (x_test * linear) @ x_train.T
+            distances = squared_distances(x_train, x_train), squared_distances(x_test, x_train)
+            self.parts.append(_Part(train, test, *distances, *products))
         self.count = len(raw)
 
     def predictions(self, learn_n: FloatArray, constants: Constants) -> FloatArray:
@@ -70,8 +83,9 @@ class _Search:
         for part in self.parts:
             unit = float(largest(learn_n[part.train][:, None])[0])
             machine: Any = SVR(kernel="precomputed", C=constants.c, epsilon=constants.epsilon, cache_size=500)
-            machine.fit(gram(part.near, part.near_products, constants.sigma), learn_n[part.train] / unit)
-            out[part.test] = machine.predict(gram(part.far, part.far_products, constants.sigma)) * unit
+            kernel = gram(part.train_distances, part.train_products, constants.sigma)
+            machine.fit(kernel, learn_n[part.train] / unit)
+            out[part.test] = machine.predict(gram(part.test_distances, part.test_products, constants.sigma)) * unit
         return out
 
 
@@ -109,30 +123,30 @@ def choose(
     done, chosen = 0, list[Constants]()
     for t in range(learn_n.shape[1]):
 
-        def error_of(constants: Constants, t: int = t) -> float:
-            found = search.predictions(learn_n[:, t], constants)
-            return float(np.sqrt(np.nanmean((found - truth_n[:, t]) ** 2)))
+        def rms_error_n(constants: Constants, t: int = t) -> float:
+            error_n = search.predictions(learn_n[:, t], constants) - truth_n[:, t]
+            return float(np.sqrt(np.nanmean(error_n**2)))
 
-        best, least = Constants(min(settings.c), middle, max(settings.sigma)), np.inf
+        best, least_n = Constants(min(settings.c), middle, max(settings.sigma)), np.inf
         for sigma in sorted(settings.sigma, reverse=True):
-            lowest, error = np.inf, 0.0
+            least_at_sigma_n, error_n = np.inf, 0.0
             for c in sorted(settings.c):
                 done += 1
-                if error > MAX_ERROR_RISE * lowest:
+                if error_n > MAX_ERROR_RISE * least_at_sigma_n:
                     continue
                 candidate = Constants(c, middle, sigma)
-                error = error_of(candidate)
-                lowest = min(lowest, error)
-                if error < least * (1 - 1e-6):
-                    best, least = candidate, error
+                error_n = rms_error_n(candidate)
+                least_at_sigma_n = min(least_at_sigma_n, error_n)
+                if error_n < least_n * _BETTER:
+                    best, least_n = candidate, error_n
                 report("choosing C, epsilon and sigma", done / steps)
         for epsilon in others:
             candidate = Constants(best.c, epsilon, best.sigma)
-            error = error_of(candidate)
-            if error < least * (1 - 1e-6):
-                best, least = candidate, error
+            error_n = rms_error_n(candidate)
+            if error_n < least_n * _BETTER:
+                best, least_n = candidate, error_n
             done += 1
             report("choosing C, epsilon and sigma", done / steps)
         chosen.append(best)
-    held_out_n = [search.predictions(learn_n[:, t], each) for t, each in enumerate(chosen)]
+    held_out_n = [search.predictions(learn_n[:, t], constants) for t, constants in enumerate(chosen)]
     return chosen, np.column_stack(held_out_n)

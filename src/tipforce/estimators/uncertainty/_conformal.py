@@ -185,7 +185,9 @@ def interval_basis(sessions: int, held_out: bool, sampling: str = "random folds"
 def conformal_half_width(
     residuals: FloatArray, session: npt.NDArray[np.str_], basis: IntervalBasis, coverage: float = COVERAGE
 ) -> float:
-    """Returns half the width of the interval that holds ``coverage``.
+    """Returns half the width of the interval that holds ``coverage``, in the unit of the residuals.
+
+    It is a quantile of their absolute values; infinite where there are too few sessions or frames for it.
 
     Args:
         residuals: (n,) signed errors.
@@ -198,12 +200,12 @@ def conformal_half_width(
     17.0
     """
     size, order = np.abs(residuals), np.argsort(np.abs(residuals))
-    if basis.by_session:
+    if basis.by_session:  # the mass of a session is spread over its frames; the new session has the rest
         _, index, counts = np.unique(session, return_inverse=True, return_counts=True)
         mass = 1.0 / ((len(counts) + 1) * counts[index])
     else:
         mass = np.full(len(size), 1.0 / (len(size) + 1))
-    reached = np.flatnonzero(np.cumsum(mass[order]) >= coverage - 1e-9)
+    reached = np.flatnonzero(np.cumsum(mass[order]) >= coverage - 1e-9)  # 1e-9: rounding of the sum
     return float(size[order[reached[0]]]) if len(reached) else math.inf
 
 
@@ -265,8 +267,8 @@ def interval_from_errors(
     if known.any():
         axes = np.flatnonzero(known)
         guaranteed = basis.by_session or sessions >= MIN_CONFORMAL_SESSIONS
-        wider = 1.0 if guaranteed else student_factor(sessions)
-        half[axes] = [wider * conformal_half_width(error[:, t], session, basis) for t in range(len(axes))]
+        factor = 1.0 if guaranteed else student_factor(sessions)  # few sessions: see the module
+        half[axes] = [factor * conformal_half_width(error[:, t], session, basis) for t in range(len(axes))]
         covariance[np.ix_(axes, axes)] = error.T @ error / len(error)
     return Interval(
         half_n=half,
@@ -281,9 +283,10 @@ def interval_from_errors(
 
 
 def wider_interval(own: Interval, initial: Interval) -> Interval:
-    """Returns the larger half-widths of a fine-tuned model's interval and of the initial model's.
+    """Returns the larger half-widths of a fine-tuned model's interval and of its initial model's.
 
     Only components that ``own`` has are kept. The basis names the initial model where any of its half-widths is used.
+    Strata of both are kept: the widest count.
 
     Args:
         own: intervals of the fine-tuned model.
@@ -294,8 +297,8 @@ def wider_interval(own: Interval, initial: Interval) -> Interval:
     basis = f"{own.basis}; or, where wider, that of the model it was fine-tuned from ({initial.basis})"
     if magnitude == own.magnitude_half_n and np.array_equal(half, own.half_n, equal_nan=True) and not own.strata:
         return own
-    inherited = initial.strata or (
-        (ForceStrata.symmetric(initial.magnitude_half_n),) if math.isfinite(initial.magnitude_half_n) else ()
-    )
+    inherited = initial.strata
+    if not inherited and math.isfinite(initial.magnitude_half_n):
+        inherited = (ForceStrata.symmetric(initial.magnitude_half_n),)
     strata = (*own.strata, *inherited) if own.strata else ()
     return replace(own, half_n=half, magnitude_half_n=magnitude, basis=basis, strata=strata)

@@ -58,6 +58,7 @@ def fit_laplace(features: npt.NDArray[Any], initial: LastLayerLaplace | None = N
         The posterior.
     """
     features = features.astype(np.float64)
+    # in units of one sample's precision, which the predicted variance of the output scales
     precision = features.T @ features + PRIOR_PRECISION * np.eye(features.shape[1])
     if initial is not None:
         precision += np.linalg.inv(initial.root_covariance @ initial.root_covariance.T)

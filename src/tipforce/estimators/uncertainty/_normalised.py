@@ -19,9 +19,9 @@ def gaussian_interval(known: BoolArray, basis: str) -> Interval:
         known: (3,) which components it is for.
         basis: basis of the interval in words.
     """
-    one = np.where(known, 1.0, np.nan)
+    half = np.where(known, GAUSS_90, np.nan)
     covariance = np.where(np.eye(3, dtype=np.bool_) & known, 1.0, np.where(np.outer(known, known), 0.0, np.nan))
-    return Interval(GAUSS_90 * one, GAUSS_90, covariance, False, basis, 0, 0)
+    return Interval(half, GAUSS_90, covariance, False, basis, 0, 0)
 
 
 def normalised_interval(
@@ -52,7 +52,9 @@ def normalised_interval(
 
 
 def magnitude_sigma(force: FloatArray, covariance: FloatArray) -> float:
-    """Returns the standard deviation of the magnitude of a force. For a force near zero it is that of any direction.
+    """Returns the standard deviation of the magnitude of a force: that of the component along the force.
+
+    A force near zero has no direction: the result changes smoothly to the mean over all directions.
 
     Args:
         force: (t,) components in newtons.
@@ -61,7 +63,7 @@ def magnitude_sigma(force: FloatArray, covariance: FloatArray) -> float:
     Returns:
         The standard deviation in newtons.
     """
-    any_direction = float(np.trace(covariance)) / len(force)
-    square = float(force @ force) + any_direction
-    along = float(force @ covariance @ force) + any_direction**2
-    return math.sqrt(along / square)
+    mean_variance = float(np.trace(covariance)) / len(force)
+    square = float(force @ force) + mean_variance
+    weighted = float(force @ covariance @ force) + mean_variance**2
+    return math.sqrt(weighted / square)

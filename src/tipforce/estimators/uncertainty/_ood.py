@@ -20,6 +20,8 @@ _MAX_DIRECTIONS, _EXPLAINED_VARIANCE = 100, 0.95
 _THRESHOLD_QUANTILE = 0.995
 """Share of the held-out features whose distance is below the threshold, before `THRESHOLD_MARGIN`."""
 THRESHOLD_MARGIN = 1.1
+_LEAST_RESIDUAL_SHARE = 1e-3
+"""Smallest share of the residual in the variance: training features may have next to none."""
 MIN_DEVIATION = 1e-9
 """Smallest standard deviation along a direction."""
 MIN_CONTAINED_SHARE = 0.9
@@ -50,9 +52,9 @@ class FeatureDistribution:
         """Returns (n,) distances of ``features`` (n, d), over the threshold: up to 1 is in distribution."""
         centred = features.astype(np.float64) - self.centre
         along = centred @ self.directions
-        beside = np.sum(centred * centred, axis=1) - np.sum(along * along, axis=1)
-        within = np.mean((along / self.deviation) ** 2, axis=1)
-        return np.sqrt(self.weight * within + (1.0 - self.weight) * beside / self.residual**2) / self.threshold
+        along2 = np.mean((along / self.deviation) ** 2, axis=1)
+        orthogonal2 = np.sum(centred * centred, axis=1) - np.sum(along * along, axis=1)  # by Pythagoras
+        return np.sqrt(self.weight * along2 + (1.0 - self.weight) * orthogonal2 / self.residual**2) / self.threshold
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Returns arrays for the model store."""
@@ -75,10 +77,10 @@ class FeatureDistribution:
         directions = stored_array(arrays, "directions", (len(centre), None))
         deviation = stored_array(arrays, "deviation", (directions.shape[1],), low=MIN_DEVIATION)
         scales = stored_array(arrays, "scales", (None,), low=0.0)
-        found = cls(centre, directions, deviation, *scales.tolist())  # older models leave the weight out
-        if not (found.residual > 0 and found.threshold > 0 and found.weight <= 1):
+        made = cls(centre, directions, deviation, *scales.tolist())  # older models leave the weight out
+        if not (made.residual > 0 and made.threshold > 0 and made.weight <= 1):
             raise ValueError("the scales of a distribution of features must be positive")
-        return found
+        return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,15 +117,12 @@ class OodDetector:
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> "OodDetector":
         """Makes the detector from the return value of `arrays`. Raises KeyError without any distribution."""
-        found: list[FeatureDistribution] = []
-        while not found or f"ood{len(found)}_centre" in arrays:
-            prefix = f"ood{len(found)}_"
-            found.append(
-                FeatureDistribution.of(
-                    {name: arrays[prefix + name] for name in ("centre", "directions", "deviation", "scales")}
-                )
-            )
-        return cls(tuple(found))
+        distributions: list[FeatureDistribution] = []
+        while not distributions or f"ood{len(distributions)}_centre" in arrays:
+            names = ("centre", "directions", "deviation", "scales")
+            stored = {name: arrays[f"ood{len(distributions)}_{name}"] for name in names}
+            distributions.append(FeatureDistribution.of(stored))
+        return cls(tuple(distributions))
 
 
 def fit_ood_detector(
@@ -146,13 +145,13 @@ def fit_ood_detector(
     Returns:
         The detector; its first distribution is that of ``training``.
     """
-    own = fit_feature_distribution(training, threshold_features, ignored_directions)
+    newest = fit_feature_distribution(training, threshold_features, ignored_directions)
     kept: tuple[FeatureDistribution, ...] = ()
-    if initial is not None and initial.distributions[0].centre.shape == own.centre.shape:
+    if initial is not None and initial.distributions[0].centre.shape == newest.centre.shape:
         kept = tuple(
             each for each in initial.distributions if np.mean(each.score(held_out) <= 1.0) >= MIN_CONTAINED_SHARE
         )
-    return OodDetector((own, *kept))
+    return OodDetector((newest, *kept))
 
 
 def fit_feature_distribution(
@@ -172,12 +171,13 @@ def fit_feature_distribution(
     features = training.astype(np.float64)
     centre = features.mean(axis=0)
     centred = features - centre
-    values, vectors = np.linalg.eigh(centred.T @ centred / len(centred))
-    values, vectors = values[::-1], vectors[:, ::-1]
-    explaining = int(np.searchsorted(np.cumsum(values), _EXPLAINED_VARIANCE * values.sum())) + 1
+    variances, vectors = np.linalg.eigh(centred.T @ centred / len(centred))
+    variances, vectors = variances[::-1], vectors[:, ::-1]  # the largest first
+    explaining = int(np.searchsorted(np.cumsum(variances), _EXPLAINED_VARIANCE * variances.sum())) + 1
+    # a quarter of the samples: more directions cannot be estimated; one dimension at least is left for the residual
     count = max(1, min(ignored_directions or explaining, _MAX_DIRECTIONS, len(centred) // 4, features.shape[1] - 1))
-    directions, deviation = np.ascontiguousarray(vectors[:, :count]), np.sqrt(np.maximum(values[:count], 1e-12))
-    residual = float(np.sqrt(max(values[count:].sum(), 1e-3 * values.sum())))
+    directions, deviation = np.ascontiguousarray(vectors[:, :count]), np.sqrt(np.maximum(variances[:count], 1e-12))
+    residual = float(np.sqrt(max(variances[count:].sum(), _LEAST_RESIDUAL_SHARE * variances.sum())))
     weight = 0.5 if ignored_directions is None else 0.0
-    found = FeatureDistribution(centre, directions, deviation, residual, 1.0, weight)
-    return replace(found, threshold=THRESHOLD_MARGIN * float(np.quantile(found.score(held_out), _THRESHOLD_QUANTILE)))
+    made = FeatureDistribution(centre, directions, deviation, residual, 1.0, weight)
+    return replace(made, threshold=THRESHOLD_MARGIN * float(np.quantile(made.score(held_out), _THRESHOLD_QUANTILE)))

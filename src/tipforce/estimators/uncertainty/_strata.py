@@ -83,11 +83,13 @@ class ForceStrata:
             unit_n: newtons of the unit of the ends.
         """
         low = high = magnitude_n
+        # by force: all forces of a stratum for which this estimate is plausible
         for start, end, least, largest, *_ in self._rows:
             below, above = magnitude_n + least * unit_n, magnitude_n + largest * unit_n
             below, above = max(below, start), min(above, end)
             if below <= above:
                 low, high = min(low, below), max(high, above)
+        # by estimate: the ends of the stratum in which the estimate is
         row = self._rows[bisect_right(self._rows, magnitude_n, hi=len(self._rows), key=_start) - 1]
         return max(0.0, min(low, magnitude_n + row[4] * unit_n)), max(high, magnitude_n + row[5] * unit_n)
 
@@ -146,37 +148,52 @@ def fit_strata(
 def _by_stratum(
     by: FloatArray, error: FloatArray, session: npt.NDArray[np.str_], edges: FloatArray, least: FloatArray | None
 ) -> FloatArray:
-    """Returns the ends (k, 2) in the strata of ``by``.
+    """Returns the ends (k, 2) of the errors in the strata of a quantity.
 
-    With few sessions they are not nearer than those of the stratum below, or than ``least``.
+    In a stratum with few sessions the ends are not nearer than those of the stratum below, or than ``least``.
+
+    Args:
+        by: (n,) the quantity: measured or estimated force, N.
+        error: (n,) errors.
+        session: (n,) sessions.
+        edges: (k + 1,) edges of the strata, N.
+        least: (2,) ends that count in each such stratum; None: none.
     """
-    found: list[FloatArray] = []
+    strata: list[FloatArray] = []
     for low, high in pairwise(edges):
         inside = (by >= low) & (by < high)
         ends, sessions = _ends(error[inside], session[inside]) if inside.any() else (np.full(2, np.nan), 0)
         if sessions < MIN_CONFORMAL_SESSIONS:
-            wide = [ends, *found[-1:], *([] if least is None else [least])]
-            if not found and np.isnan(ends).all() and least is None:
-                wide = [_ends(error, session)[0]]
-            ends = np.array([np.nanmin([each[0] for each in wide]), np.nanmax([each[1] for each in wide])])
-        found.append(ends)
-    return np.array(found)
+            candidates = [ends, *strata[-1:], *([] if least is None else [least])]
+            if not strata and np.isnan(ends).all() and least is None:
+                candidates = [_ends(error, session)[0]]
+            ends = np.array([np.nanmin([each[0] for each in candidates]), np.nanmax([each[1] for each in candidates])])
+        strata.append(ends)
+    return np.array(strata)
 
 
 def _ends(error: FloatArray, session: npt.NDArray[np.str_]) -> tuple[FloatArray, int]:
-    """Returns the ends (2,) that hold the errors (n,) of a new session, and the number of sessions."""
-    _, place, counts = np.unique(session, return_inverse=True, return_counts=True)
+    """Returns the ends (2,) between which 90 % of a new session's errors are, and the number of sessions.
+
+    They are the quantiles about the median, times a factor: see the module.
+
+    Args:
+        error: (n,) signed errors.
+        session: (n,) their sessions.
+    """
+    _, index, counts = np.unique(session, return_inverse=True, return_counts=True)
     sessions = len(counts)
-    mass = 1.0 / (sessions * counts[place])
+    mass = 1.0 / (sessions * counts[index])  # each session has the same weight
     order = np.argsort(error)
     reached = np.cumsum(mass[order])
     low, median, high = error[order[np.minimum(np.searchsorted(reached, _SHARES), len(error) - 1)]].tolist()
     below, above = median - low, high - median
     least = max(MIN_RELATIVE_DISTANCE * max(below, above), np.finfo(np.float64).tiny)
     below, above = max(below, least), max(above, least)
-    score = np.where(error > median, (error - median) / above, (median - error) / below)
+    score = np.where(error > median, (error - median) / above, (median - error) / below)  # 1: at an end
     if sessions >= MIN_CONFORMAL_SESSIONS:
         ranked = np.argsort(score)
+        # a new session has the mass 1 / (sessions + 1) at infinity
         held = np.cumsum(mass[ranked]) * sessions / (sessions + 1)
         factor = float(score[ranked[np.searchsorted(held, _COVERAGE - 1e-9)]])
     else:
@@ -184,7 +201,7 @@ def _ends(error: FloatArray, session: npt.NDArray[np.str_]) -> tuple[FloatArray,
     return np.array([median - factor * below, median + factor * above]), sessions
 
 
-_SHARES = np.array([TAIL_SHARE, 0.5, 1.0 - TAIL_SHARE]) - 1e-9
+_SHARES = np.array([TAIL_SHARE, 0.5, 1.0 - TAIL_SHARE]) - 1e-9  # less the rounding of cumulative sums
 
 
 def student_factor(sessions: int) -> float:
