@@ -222,15 +222,15 @@ class Estimator(ABC):
             dataset: the samples.
             progress: called with the finished share.
         """
-        run = dataset
+        frames = dataset
         if self.uses_history and dataset.whole is not None:
-            run = dataset.whole.subset(np.isin(dataset.whole.session, list(dataset.sessions)))
-        found: dict[int, ForceEstimate] = {}
-        for row, estimate in zip(run.rows.tolist(), self.estimates(run), strict=True):
-            found[row] = estimate
+            frames = dataset.whole.subset(np.isin(dataset.whole.session, list(dataset.sessions)))
+        by_row: dict[int, ForceEstimate] = {}
+        for row, estimate in zip(frames.rows.tolist(), self.estimates(frames), strict=True):
+            by_row[row] = estimate
             if progress is not None:
-                progress(len(found) / len(run))
-        return [found[row] for row in dataset.rows.tolist()]
+                progress(len(by_row) / len(frames))
+        return [by_row[row] for row in dataset.rows.tolist()]
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -310,8 +310,8 @@ class PlanarRodEstimator(CentrelineEstimator):
     def check_views(self, dataset: Dataset) -> None:
         """Raises InputError where the view of a session shows another plane: nothing is learnt from it."""
         for name, info in dataset.session_info.items():
-            if why := turned_view(self.views[0], info):
-                raise InputError(f"{dataset.title}: {name}: {why}")
+            if reason := turned_view(self.views[0], info):
+                raise InputError(f"{dataset.title}: {name}: {reason}")
 
 
 class FineTunable(Estimator):

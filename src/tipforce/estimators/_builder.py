@@ -87,17 +87,17 @@ class EstimateBuilder:
                 interval[axis, 0] = value - half
                 interval[axis, 1] = value + half
                 square += value * value
-            magnitude = math.sqrt(square)
+            magnitude_n = math.sqrt(square)
             force.setflags(write=False)
             interval.setflags(write=False)
-        else:
-            # a magnitude cannot be negative, but the regression's may be
-            only = float(newtons[0])
-            magnitude, force, interval = (only if only != only else max(0.0, only)), self._unknown, self._no_interval
-        if not magnitude <= MAX_FORCE_N:
-            return implausible(stamp_ns, magnitude, shape)
-        both = np.array(self._interval.magnitude_interval(magnitude))
-        both.setflags(write=False)
+        else:  # a magnitude cannot be negative, but the regression's may be; NaN stays NaN
+            estimate_n = float(newtons[0])
+            magnitude_n = estimate_n if math.isnan(estimate_n) else max(0.0, estimate_n)
+            force, interval = self._unknown, self._no_interval
+        if not magnitude_n <= MAX_FORCE_N:  # also true for NaN
+            return implausible(stamp_ns, magnitude_n, shape)
+        magnitude_interval = np.array(self._interval.magnitude_interval(magnitude_n))
+        magnitude_interval.setflags(write=False)
         # ForceEstimate's own __init__ copies and checks five arrays: 8 us of the 100 us that a frame may take
         estimate = ForceEstimate.__new__(ForceEstimate)
         for name, value in _DEFAULTS:
@@ -107,7 +107,7 @@ class EstimateBuilder:
         _set(estimate, "known", self._known)
         _set(estimate, "covariance_n2", self._covariance)
         _set(estimate, "interval_n", interval)
-        _set(estimate, "magnitude_n", magnitude)
-        _set(estimate, "magnitude_interval_n", both)
+        _set(estimate, "magnitude_n", magnitude_n)
+        _set(estimate, "magnitude_interval_n", magnitude_interval)
         _set(estimate, "shape", shape)
         return estimate

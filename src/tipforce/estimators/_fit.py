@@ -76,6 +76,7 @@ def train(
         method = method.with_settings(settings.model_copy(update={"seed": seed}))
 
     def fit(part: Dataset) -> Estimator:
+        """Fits a new copy of the method, from the initial model where there is one, and its intervals."""
         fresh = method.unfitted()
         if not isinstance(fresh, FineTunable):
             fitted = fresh.fit(part, progress)
@@ -107,9 +108,13 @@ def for_dataset(method: E, dataset: Dataset) -> E:
 
 
 def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
-    """Checks the calibration sessions before a training of minutes."""
-    known = {fingerprint: name for name, fingerprint in dataset.session_fingerprints.items()}
-    if shared := [known[each] for each in calibrate.session_fingerprints.values() if each in known]:
+    """Checks the calibration sessions before a training of minutes: other sessions, with the same forces and frame.
+
+    Raises:
+        InputError: they do not fit the training data.
+    """
+    names = {fingerprint: name for name, fingerprint in dataset.session_fingerprints.items()}
+    if shared := [names[mark] for mark in calibrate.session_fingerprints.values() if mark in names]:
         raise InputError(
             f"{calibrate.title}: {shared[0]} is in the training data, too, where errors are smaller than elsewhere; "
             f"leave it out there (without={shared[0]})"
@@ -126,7 +131,7 @@ def _check_calibration(dataset: Dataset, calibrate: Dataset) -> None:
 
 
 def _measured(fitted: Estimator, test: Dataset) -> dict[str, Any]:
-    """Returns the errors in newtons over those samples of ``test`` that have an estimate."""
+    """Returns counts, and errors in newtons by component and magnitude, of those samples that have an estimate."""
     estimates = fitted.predict(test)
     valid = np.array([each.valid for each in estimates], np.bool_)
     metrics: dict[str, Any] = {"held_out_samples": len(test), "answered": int(valid.sum())}

@@ -19,8 +19,8 @@ def left_out_by_session(session: npt.NDArray[np.str_], kept: BoolArray) -> dict[
     Returns:
         Session -> number of samples left out, and of all its samples; sessions without a left-out sample are not in it.
     """
-    found = {name: session == name for name in dict.fromkeys(session.tolist())}
-    return {name: [int(np.sum(~kept[own])), int(own.sum())] for name, own in found.items() if not kept[own].all()}
+    rows_of = {name: session == name for name in dict.fromkeys(session.tolist())}
+    return {name: [int(np.sum(~kept[rows])), int(rows.sum())] for name, rows in rows_of.items() if not kept[rows].all()}
 
 
 def left_out_text(left_out: Mapping[str, Sequence[int]], shown: int = 8) -> str:
@@ -33,7 +33,7 @@ def left_out_text(left_out: Mapping[str, Sequence[int]], shown: int = 8) -> str:
     >>> left_out_text({"a": [3, 10], "b": [5, 5]})
     '8 left out: all 5 of b, 3 of 10 of a'
     """
-    worst = sorted(left_out.items(), key=lambda each: -each[1][0] / each[1][1])
+    worst = sorted(left_out.items(), key=lambda item: -item[1][0] / item[1][1])
     parts = [f"all {n} of {name}" if lost == n else f"{lost} of {n} of {name}" for name, (lost, n) in worst[:shown]]
     more = f" and some of {len(worst) - shown} more sessions" if len(worst) > shown else ""
     return f"{sum(lost for lost, _ in left_out.values())} left out: {', '.join(parts)}{more}"

@@ -43,11 +43,11 @@ def read_view(observation: Observation, view: str, setting: str) -> View | Abste
         view: name of the view.
         setting: name of the setting that names it, for the reason.
     """
-    found = observation.views.get(view)
-    if found is None:
+    content = observation.views.get(view)
+    if content is None:
         there = ", ".join(observation.views) or "none"
         return Abstention(Status.MISSING_INPUT, f"there is no view {view!r}, as {setting} says; there is {there}")
-    return found
+    return content
 
 
 def read_image(observation: Observation, view: str, setting: str) -> Image | Abstention:
@@ -58,10 +58,10 @@ def read_image(observation: Observation, view: str, setting: str) -> Image | Abs
         view: name of the view.
         setting: the setting that names it, for the abstention.
     """
-    found = read_view(observation, view, setting)
-    if isinstance(found, ShapeFeatures):
+    content = read_view(observation, view, setting)
+    if isinstance(content, ShapeFeatures):
         return Abstention(Status.MISSING_INPUT, "this method needs images; these data are shape features")
-    return found
+    return content
 
 
 def read_actuation(observation: Observation, names: Sequence[str]) -> FloatArray | Abstention:
@@ -74,13 +74,13 @@ def read_actuation(observation: Observation, names: Sequence[str]) -> FloatArray
     Returns:
         (k,) values; an abstention where one is absent.
     """
-    row = np.empty(len(names))
+    values = np.empty(len(names))
     for place, name in enumerate(names):
         value = observation.actuation.get(name)
-        if value is None or value != value:
+        if value is None or math.isnan(value):
             return Abstention(Status.MISSING_INPUT, f"{name}, which this model was trained with, is absent; state it")
-        row[place] = value
-    return row
+        values[place] = value
+    return values
 
 
 def read_advance_m(observation: Observation) -> float | Abstention:
@@ -114,6 +114,7 @@ def actuation_names(wanted: Sequence[str] | None, dataset: Dataset) -> tuple[str
 
 
 LIMIT_MARGIN = 0.1
+"""Margin of the actuation limits, see `limits_of`."""
 
 MAX_PRECURVATURE_PER_M = 60.0
 """Largest curvature that a knob produces: the full bend of a 7F ablation catheter, 90 degrees of its knob, is 48
@@ -145,7 +146,7 @@ def limits_of(names: Iterable[str], dataset: Dataset) -> dict[str, tuple[float, 
 def unlike_training(
     observation: Observation, limits: Mapping[str, tuple[float, float]], names: Iterable[str], info: SessionInfo
 ) -> Abstention | None:
-    """Returns the reason why there is no estimate for the actuation of ``observation``, or None.
+    """Returns the reason why there is no estimate where a drive is unlike its readings in training; None where none is.
 
     Args:
         observation: the input of the estimate.

@@ -43,13 +43,13 @@ def method(name: str) -> type[Estimator]:
     """
     if name not in ESTIMATORS:
         raise InputError(f"there is no estimator {name!r}; there are {', '.join(ESTIMATORS)}")
-    found = ESTIMATORS[name]
-    if (own := getattr(found, "name", None)) != name:
+    method_type = ESTIMATORS[name]
+    if (class_name := getattr(method_type, "name", None)) != name:
         raise InputError(
-            f"the method {name!r} is {found.__module__}.{found.__qualname__}, whose name is {own!r}; set "
-            f"name = {name!r} in the class, or give the entry point the name of the class"
+            f"the method {name!r} is {method_type.__module__}.{method_type.__qualname__}, whose name is "
+            f"{class_name!r}; set name = {name!r} in the class, or give the entry point the name of the class"
         )
-    return found
+    return method_type
 
 
 def create(name: str, settings: BaseModel | Mapping[str, Any] | None = None) -> Estimator:

@@ -47,14 +47,14 @@ def stored_array(
         KeyError: there is no such array.
         ValueError: it has another shape, contains no numbers, or a number that is not finite or beyond the limits.
     """
-    found = arrays[name]
-    if len(found.shape) != len(shape) or any(
-        want not in (None, got) for want, got in zip(shape, found.shape, strict=True)
+    stored = arrays[name]
+    if len(stored.shape) != len(shape) or any(
+        want not in (None, got) for want, got in zip(shape, stored.shape, strict=True)
     ):
-        raise ValueError(f"{name} has the shape {found.shape}, expected {_text(shape)}")
-    if found.dtype.kind not in "biuf":
+        raise ValueError(f"{name} has the shape {stored.shape}, expected {_text(shape)}")
+    if stored.dtype.kind not in "biuf":  # NumPy's kinds: bool, int, unsigned int, float
         raise ValueError(f"{name} holds no numbers")
-    values = np.array(found, np.float64, order="C")
+    values = np.array(stored, np.float64, order="C")
     if not ((values >= low) & (values <= high)).all():  # also False for NaN
         raise ValueError(f"{name} holds values that are not finite numbers from {low:g} to {high:g}")
     return values

@@ -167,16 +167,8 @@ def _crop(image: Image, u0: float, v0: float, cos: float, sin: float, side: floa
     """Resamples a window, turned by quarter turns, to the grey image ``out``; see `crop_window`.
 
     Each pixel is the mean over a box as wide as a pixel of ``out``, at least one image pixel. The box is separable:
-    first its pixels and weights along the image's u and v are listed, then rows are averaged, then columns.
-
-    Args:
-        image: (h, w, channels).
-        u0: u of the middle of the window's base side, px.
-        v0: v of it.
-        cos: u component of the direction inward from the base, -1, 0 or 1.
-        sin: v component of it.
-        side: side of the window in image pixels.
-        out: (size, size), written.
+    first its pixels and weights along the image's u and v are listed, then rows are averaged, then columns. The base
+    side of the window, ``side`` px long, has its middle at (``u0``, ``v0``); (``cos``, ``sin``) points inward from it.
     """
     size = out.shape[0]
     height, width, channels = image.shape
@@ -268,11 +260,7 @@ def resize_to_resnet(image: Image) -> Image:
 
 @cache
 def _area_weights(length: int, channels: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
-    """Returns the weights that resize an axis to `RESNET_SIZE_PX` pixels by averaging over areas.
-
-    Args:
-        length: pixels of the axis.
-        channels: values of a pixel, which are next to each other in memory.
+    """Returns the weights that resize an axis of ``length`` pixels, of ``channels`` values each, to `RESNET_SIZE_PX`.
 
     Returns:
         (size * channels,) index of the first old value under each new value; and (taps, size * channels) weights of
@@ -292,24 +280,13 @@ def _area_weights(length: int, channels: int) -> tuple[npt.NDArray[np.int32], np
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
 def _average_areas(
-    image: Image,
-    channels: int,
-    top: npt.NDArray[np.int32],
-    down: npt.NDArray[np.float32],
-    left: npt.NDArray[np.int32],
-    across: npt.NDArray[np.float32],
-    out: Image,
-) -> None:
-    """Resizes an image by averaging over areas: first over rows for all columns together, then along rows.
+    image: Image, channels: int, top: npt.NDArray[np.int32], down: npt.NDArray[np.float32],
+    left: npt.NDArray[np.int32], across: npt.NDArray[np.float32], out: Image,
+) -> None:  # fmt: skip
+    """Resizes an image (h, w * channels) to ``out`` by averaging over areas, with the weights of `_area_weights`.
 
-    Args:
-        image: (h, w * channels).
-        channels: values of a pixel.
-        top: (rows,) first old row under each new row; with ``down`` from `_area_weights`.
-        down: (taps, rows) weights of that row and the next ones.
-        left: (columns * channels,) first old value in a row, for each new value.
-        across: (taps, columns * channels) weights of that value and the next ones.
-        out: (rows, columns * channels), written.
+    First rows are averaged (``top``: first old row of each new one, ``down``: weights), then values along rows
+    (``left``: first old value of each new one, ``across``: weights).
     """
     row = np.empty(image.shape[1], np.float32)
     mean = np.empty(out.shape[1], np.float32)

@@ -272,13 +272,8 @@ class NetworkEstimator(FineTunable):
     ) -> tuple[bytes, float]:
         """Returns the trained network as a graph, and the largest difference of their forces, N.
 
-        Half precision, with half the file, is tried first; it is too coarse for a network whose large features cancel.
-
-        Args:
-            network: the trained network.
-            actuation: names of the actuation values among its inputs.
-            known: (3,) the force components.
-            inputs: inputs of some samples, on which network and graph are compared.
+        They are compared on ``inputs``, those of some samples. Half precision, with half the file, is tried first; it
+        is too coarse for a network whose large features cancel.
 
         Raises:
             ModelError: the difference is larger than `MAX_PARITY_N` in full precision, too.

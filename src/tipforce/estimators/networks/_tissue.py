@@ -142,12 +142,7 @@ def _log_shares(
 ) -> FloatArray:
     """Returns (sessions,) mean log likelihoods of the stated tissue, by the shares of `TissueBelief` at each image.
 
-    Args:
-        evidence: evidence with the weight to judge.
-        session: (n,) sessions.
-        stamp_ns: (n,) stamps.
-        logits: (n, c) outputs of the network.
-        log_stiffness: (n,) logarithm of the stated stiffness in N/m.
+    ``evidence`` has the weight to judge; for the n samples see `fit_tissue_evidence`.
     """
     likelihoods: list[float] = []
     for name in np.unique(session):

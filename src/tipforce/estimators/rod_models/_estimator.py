@@ -317,17 +317,9 @@ class RodModelEstimator(PlanarRodEstimator):
     def _residuals(
         self, lines: Sequence[RodLine], infos: Sequence[SessionInfo], force: FloatArray, factor: float, offset: float
     ) -> FloatArray:
-        """Returns detected less modelled stations, x and y of each in metres, under known forces.
+        """Returns detected less modelled stations (n, 2 stations), x and y in m, under known forces (n, 2) in N.
 
-        Args:
-            lines: n detected lines.
-            infos: metadata of the session of each.
-            force: (n, 2) forces, N.
-            factor: factor of the nominal stiffness.
-            offset: offset of the pre-curvature, 1/m.
-
-        Returns:
-            (n, 2 stations); NaN without an equilibrium.
+        ``factor``: of the nominal stiffness; ``offset``: of the pre-curvature, 1/m. NaN without an equilibrium.
         """
         last, residuals = self.stations, list[FloatArray]()
         for line, info, force_n in zip(lines, infos, force, strict=True):
@@ -383,17 +375,14 @@ class RodModelEstimator(PlanarRodEstimator):
 
     @classmethod
     def from_state(
-        cls,
-        settings: StoredValues,
-        values: StoredValues,
-        arrays: StoredArrays,
-        files: StoredFiles = None,  # noqa: ARG003 (it leaves no files)
+        cls, settings: StoredValues, values: StoredValues, arrays: StoredArrays, files: StoredFiles = None
     ) -> Self:
         """Inverts `state`; see `Estimator.from_state`.
 
         Raises:
             KeyError, ValueError, LinAlgError: the values and arrays are not those of the method.
         """
+        del files
         made = cls(RodModelSettings.model_validate(settings))
         state = _State.model_validate(values)
         size = 2 * cls.stations
@@ -481,11 +470,7 @@ def _unfitted(settings: RodModelSettings, stations: int) -> _Fitted:
 def _interval(fits: Sequence[ForceFit], force: FloatArray, session: npt.NDArray[np.str_], sampling: str) -> Interval:
     """Returns the intervals, in standard deviations, of the fits that converged; unbounded where none did.
 
-    Args:
-        fits: n fitted forces.
-        force: (n, 2) measured forces, N.
-        session: (n,) sessions.
-        sampling: how the samples were drawn; empty: whole sessions were held out.
+    ``force``: (n, 2) measured, N; ``sampling``: how the samples were drawn, empty: whole sessions were held out.
     """
     use = np.array([fit.converged for fit in fits], np.bool_)
     if not use.any():

@@ -153,13 +153,8 @@ def _maximised(
 ) -> Knowledge:
     """Returns the priors that fit the sessions' posteriors best (the maximisation step).
 
-    Args:
-        settings: the settings.
-        stated: the priors of the settings, which count as `_WEIGHT` further sessions.
-        knowledge: the present priors.
-        sessions: the sessions.
-        means: (constants,) mean of each session's constants.
-        covariances: (constants, constants) their covariances.
+    Each session's posterior is one of ``means`` (constants,) and one of ``covariances`` (constants, constants).
+    The priors of the settings, ``stated``, count as `_WEIGHT` further sessions.
     """
     count = len(means)
     stated_covariance = stated.for_session(settings, sessions[0].info, sessions[0].knob_deg[0])[1]

@@ -288,12 +288,9 @@ class _Joint:
 
     @classmethod
     def of(cls, mean: FloatArray, covariance: FloatArray, prior_std: FloatArray) -> "_Joint":
-        """Makes the Gaussian of a frame; see the module's text for the information of a measurement.
+        """Makes the Gaussian of a frame from mean (COUNT,) and covariance (COUNT, COUNT) of force and unknowns.
 
-        Args:
-            mean: (COUNT,) of force and unknowns.
-            covariance: (COUNT, COUNT) of the same.
-            prior_std: (COUNT,) their standard deviations before the session.
+        ``prior_std`` (COUNT,): their standard deviations before the session. See the module for the information.
         """
         direction, information = np.zeros(COUNT), np.zeros(COUNT)
         direction[:FORCE] = mean[:FORCE] / max(math.hypot(*mean[:FORCE]), 1e-9)

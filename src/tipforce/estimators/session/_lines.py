@@ -18,16 +18,10 @@ POINTS = 22
 def _line(
     points_px: FloatArray, scale: float, c: float, s: float, u0: float, v0: float, advance_m: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Samples a centreline at `POINTS` points and changes it from pixels to metres, in the frame of the clamp.
+    """Samples a centreline (n, 2) at `POINTS` points and changes it from pixels to metres, in the frame of the clamp.
 
-    Args:
-        points_px: (n, 2) u, v of the centreline, base to tip.
-        scale: metres per pixel.
-        c: cosine of the angle that turns the inward direction to x.
-        s: its sine.
-        u0: u of the origin, px.
-        v0: v of the origin, px.
-        advance_m: advance of the clamp, with which the origin moves.
+    (``c``, ``s``): cosine and sine of the turn of the inward direction to x; (``u0``, ``v0``): the origin, px;
+    ``scale``: metres per pixel. The origin moves with the clamp, which has advanced by ``advance_m``.
 
     Returns:
         (POINTS, 2) points, m; (POINTS, 2) unit normals to the left; (POINTS,) arc lengths from the tip, m.

@@ -74,12 +74,7 @@ NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, np.ones(1), np.zeros(1), np.ones(1), np.on
 def _evidence_ratio(x: float, y: float, size: float, largest_n: float, evidence: Evidence) -> float:
     """Returns the likelihood ratio of the read depth and direction: this force against any force in contact.
 
-    Args:
-        x: x component of the force, N.
-        y: y component, N.
-        size: its magnitude, N.
-        largest_n: force of the last value of the table ``evidence.density``.
-        evidence: the reading of the image at the tip.
+    (``x``, ``y``) is the force, ``size`` its magnitude, N. The table ``evidence.density`` ends at ``largest_n``.
     """
     if evidence.unreliable >= 1.0:
         return 1.0
@@ -120,15 +115,9 @@ def _force_at(node: int, offset_n: float, c: float, s: float, scratch: Scratch) 
 
 @njit(cache=True, nogil=True)
 def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: float) -> float:
-    """Returns the quantile of weighted points, by linear interpolation of their cumulative distribution.
+    """Returns the quantile ``level`` of points ``values`` (n,) with ``shares`` (n,), whose sum is 1.
 
-    Half of a point's share counts as below it.
-
-    Args:
-        values: (n,) the points.
-        order: (n,) indices that sort them.
-        shares: (n,) their shares, whose sum is 1.
-        level: the quantile's level, 0 to 1.
+    The cumulative distribution is interpolated; half of a point's share is below it. ``order`` (n,) sorts the points.
     """
     sum_below, last_level, last_value = 0.0, -1.0, values[order[0]]  # level -1: no point with a share yet
     for k in order:
@@ -146,35 +135,15 @@ def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: fl
 
 @njit(cache=True, nogil=True)
 def _widen_by_profile(
-    found: int,
-    c: float,
-    s: float,
-    axis_x: float,
-    axis_y: float,
-    free: Fit,
-    largest_n: float,
-    evidence: Evidence,
-    low: FloatArray,
-    high: FloatArray,
-    scratch: Scratch,
-) -> None:
+    found: int, c: float, s: float, axis_x: float, axis_y: float, free: Fit, largest_n: float, evidence: Evidence,
+    low: FloatArray, high: FloatArray, scratch: Scratch,
+) -> None:  # fmt: skip
     """Widens the intervals to all forces that explain the line nearly as well as the best one (profile likelihood).
 
     Where the shape shows nothing of a force, quantiles of the posterior would follow the prior, which prefers small
-    forces. (`_PROFILE` is the allowed difference of the costs, `Evidence` the reading of the image at the tip.)
-
-    Args:
-        found: number of nodes.
-        c: cosine of the direction of the walk.
-        s: its sine.
-        axis_x: x component of the tip's axis, a unit vector; a force in contact pushes against it.
-        axis_y: its y component.
-        free: fit without a force.
-        largest_n: no force is larger, N.
-        evidence: knowledge beside the line; its ratios change the costs.
-        low: (3,) lower ends for fx, fy and the magnitude, N; changed in place.
-        high: (3,) upper ends; changed in place.
-        scratch: the nodes.
+    forces. `_PROFILE` is the allowed difference of the costs. ``low`` and ``high`` (3,) are the ends for fx, fy and the
+    magnitude, N, changed in place. A force in contact pushes against the tip's axis, the unit vector (``axis_x``,
+    ``axis_y``), and is at most ``largest_n``. For ``found``, ``free`` and ``evidence`` see `mixed_force`.
     """
     free_cost = free.cost + evidence.log_odds
     best = free_cost if free.ok else math.inf
@@ -203,17 +172,9 @@ def _widen_by_profile(
 
 @njit(cache=True, nogil=True)
 def mixed_force(
-    found: int,
-    step_n: float,
-    c: float,
-    s: float,
-    angle: float,
-    free: Fit,
-    prior_odds: float,
-    largest_n: float,
-    evidence: Evidence,
-    scratch: Scratch,
-) -> Mixed:
+    found: int, step_n: float, c: float, s: float, angle: float, free: Fit, prior_odds: float, largest_n: float,
+    evidence: Evidence, scratch: Scratch,
+) -> Mixed:  # fmt: skip
     """Returns the force of a line, averaged over contact and no contact; sets the nodes' shares in ``scratch``.
 
     Each node has three forces, at Gauss-Hermite points across the walk; "no contact" is one more force, zero.
@@ -313,15 +274,9 @@ def mixed_force(
 
 @njit(cache=True, nogil=True)
 def mixed_constants(
-    found: int,
-    weights: FloatArray,
-    contact: float,
-    free_q: FloatArray,
-    free_factor: FloatArray,
-    c: float,
-    s: float,
+    found: int, weights: FloatArray, contact: float, free_q: FloatArray, free_factor: FloatArray, c: float, s: float,
     scratch: Scratch,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Computes mean and covariance of all unknowns, over the nodes of the walk and the fit without a force.
 
     The result is the Gaussian with the moments of a mixture: each node adds its own Gaussian (Laplace's approximation

@@ -174,16 +174,10 @@ class LinePosterior:
         )  # fmt: skip
 
     def _fit(self, line: Line, state: SessionState, last_n: FloatArray | None) -> Hypotheses:
-        """Fits the rod to the line without a force and with one, and walks along the chord from the second fit.
+        """Returns fits of the rod to the line without and with a force; walks along the chord from the second one.
 
-        Args:
-            line: the line.
-            state: prior of the constants.
-            last_n: (2,) force of the frame before, N, from whose shapes the fits start; None: they start from the
-                straight rod.
-
-        Returns:
-            Both fits; the nodes of the walk are left in ``_scratch``.
+        The nodes of the walk are left in ``_scratch``. ``state`` is the prior of the constants. The fits start from the
+        shapes of the frame before, whose force was ``last_n`` (2,); None: from the straight rod.
         """
         session, scratch = self._session(state), self._scratch
         work, mean = scratch.rod, state.mean
@@ -219,16 +213,10 @@ class LinePosterior:
         return Hypotheses(free, free_q, free_factor, touch, touch_q, touch_n, found, step_n, c, s)
 
     def _held(self, session: Session, q: FloatArray, which: str) -> Session:
-        """Changes the unknowns from a free tip to one that is held across the chord.
+        """Changes ``q`` from a free tip to one that is held across the chord; returns the constants with its direction.
 
-        Args:
-            session: constants of the fit.
-            q: (unknowns,) its first two are the force, N; they become the force along the chord, N, and the position
-                of the loaded point across it, m.
-            which: name of the shape whose chord counts: "free" or "touch".
-
-        Returns:
-            The constants with the direction of the chord.
+        The first two unknowns are the force, N; they become the force along the chord, N, and the position of the
+        loaded point across it, m. The chord is that of the shape ``which``, "free" or "touch".
         """
         work, theta = self._scratch.rod, self._shapes[which]
         work.theta[:] = theta
@@ -239,12 +227,9 @@ class LinePosterior:
         return session._replace(c=c, s=s)
 
     def _cold_starts(self, line: Line, state: SessionState) -> tuple[FloatArray, FloatArray]:
-        """Fits the rod without and with a force from the straight rod on, for starts of the fits of all unknowns.
+        """Returns starts (unknowns,) of the fits without and with a force, found from the straight rod on.
 
-        The lasting errors of the line are left out: they count as noise here.
-
-        Returns:
-            (unknowns,) the start without a force, and that with one; their shapes are left in ``_shapes``.
+        The lasting errors of the line count as noise here. The shapes are left in ``_shapes``.
         """
         prior_mean, covariance = state.rod_prior()
         mean = np.concatenate([np.zeros(FORCE), prior_mean])

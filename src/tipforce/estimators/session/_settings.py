@@ -176,9 +176,6 @@ class RodSettings(RodFitSettings):
     and of the model that no constant explains (docs/results/session.md)."""
     segments: Annotated[int, Field(ge=8, le=400)] = 40
     """Number of segments of the flexible length."""
-    max_misfit: _Std = 2.0
-    """Abstains where the squares of the line's misfit, in the noise's variances, and of the constants' distance from
-    their priors, in the priors' variances, are together larger than this for each measurement of the line."""
 
 
 class RodTrackSettings(RodSettings, OverTimeSettings):

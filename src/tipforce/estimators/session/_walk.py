@@ -7,9 +7,10 @@ would under a dead load. Along the chord the force is fixed at evenly spaced nod
 and ``z``) is fitted by Gauss-Newton and integrated by Laplace's approximation. Each node starts from the one before it
 along the tangent, so that one evaluation of the rod is usually enough.
 
-``q`` are the unknowns (see `Session`), ``line`` is the detected line, ``scratch`` holds buffers: after a prediction
-``scratch.rod`` has the residuals of the line and their slopes, the derivatives by the unknowns. Metres, newtons,
-radians; the frame of the clamp: x along the shaft inward, y up.
+``q`` (unknowns,) are the unknowns (see `Session`), ``line`` is the detected line. ``mean`` (unknowns,) and
+``information`` (unknowns, unknowns), the inverse covariance, are the prior of the constants. ``scratch`` holds buffers:
+after a prediction ``scratch.rod`` has the residuals of the line and their slopes, the derivatives by the unknowns.
+Metres, newtons, radians; the frame of the clamp: x along the shaft inward, y up.
 """
 
 import math
@@ -150,12 +151,8 @@ def _copy_rod(q: FloatArray, session: Session, scratch: Scratch) -> None:
 def _add_knob_and_lever(size_n: float, session: Session, scratch: Scratch) -> None:
     """Fills the slopes of the residuals by the last unknowns: error of the knob's gain, play, and lever.
 
-    All three act on the shape as a curvature does: their slopes are multiples of that of the pre-curvature.
-
-    Args:
-        size_n: magnitude of the force, which acts at the lever.
-        session: constants of the fit.
-        scratch: buffers; ``rod.slopes`` is changed.
+    All three act on the shape as a curvature does: their slopes in ``scratch.rod`` are multiples of that of the
+    pre-curvature. ``size_n`` is the magnitude of the force, which acts at the lever.
     """
     work, gain = scratch.rod, session.gain_per_m_deg
     for row in range(work.residual.size):
@@ -242,15 +239,9 @@ def _assemble(
 ) -> tuple[float, float]:
     """Assembles the Gauss-Newton equations ``matrix @ step = side`` at ``q`` from the last prediction.
 
-    In these equations the first two unknowns change places: position across, then force along (`_ACROSS`, `ALONG`).
-
-    Args:
-        q: (unknowns,) see `predict` and `predict_held`.
-        mean: (unknowns,) mean of the prior of the constants.
-        information: (unknowns, unknowns) inverse of its covariance; the rows of the force do not count.
-        session: constants of the fit.
-        fixed: the last 0, 1 or 2 of the first two unknowns stay as they are; ``tangent`` gets the row of the last one.
-        scratch: buffers; ``rod.matrix`` and ``rod.side`` are filled.
+    In these equations the first two unknowns change places: position across, then force along (`_ACROSS`, `ALONG`). The
+    last ``fixed`` (0, 1 or 2) of these two stay as they are; ``scratch.tangent`` gets the row of the last one. The rows
+    of the force in ``information`` do not count: its prior is flat.
 
     Returns:
         The cost (with Huber's loss of the residuals), and the sum of the squares of the whitened residuals.
@@ -339,16 +330,9 @@ def _predict_as(fixed: int, q: FloatArray, session: Session, line: Line, scratch
 
 @njit(cache=True, nogil=True)
 def relax(
-    q: FloatArray,
-    mean: FloatArray,
-    information: FloatArray,
-    session: Session,
-    line: Line,
-    fixed: int,
-    force_information: float,
-    most: int,
-    scratch: Scratch,
-) -> Fit:
+    q: FloatArray, mean: FloatArray, information: FloatArray, session: Session, line: Line, fixed: int,
+    force_information: float, most: int, scratch: Scratch,
+) -> Fit:  # fmt: skip
     """Moves ``q`` to the minimum of the cost (Levenberg-Marquardt: a step that raises it is damped and repeated).
 
     Args:
@@ -429,15 +413,8 @@ def _node(
 ) -> bool:
     """Fits one node of the walk: the rest of the unknowns at a fixed force along the chord; returns whether it fits.
 
-    Args:
-        q: (unknowns,) start, then the fit; see `predict_held`.
-        mean: (unknowns,) mean of the prior of the constants.
-        information: (unknowns, unknowns) inverse of its covariance.
-        session: constants of the fit.
-        line: the line.
-        scratch: buffers; row ``place`` of the nodes' arrays is filled, and ``tangent`` becomes the change of the
-            unknowns per newton along the walk.
-        place: index of the node.
+    ``q`` is the start, then the fit (see `predict_held`). Row ``place`` of the nodes in ``scratch`` is filled, and
+    ``scratch.tangent`` becomes the change of the unknowns per newton along the walk.
     """
     work, count = scratch.rod, q.size
     cost = gap = log_det = math.inf
@@ -482,14 +459,9 @@ def _node(
 
 @njit(cache=True, nogil=True)
 def walk(
-    q: FloatArray,
-    mean: FloatArray,
-    information: FloatArray,
-    session: Session,
-    line: Line,
-    std_n: float,
+    q: FloatArray, mean: FloatArray, information: FloatArray, session: Session, line: Line, std_n: float,
     scratch: Scratch,
-) -> tuple[int, float]:
+) -> tuple[int, float]:  # fmt: skip
     """Fits nodes at evenly spaced forces along the chord, from the best fit to both sides.
 
     A side ends where the density is negligible, the force is too large, or a node does not fit.

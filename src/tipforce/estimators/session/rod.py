@@ -7,7 +7,7 @@ frame from the priors; `rod-track` from the frames before (`_filter`). The one r
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -22,6 +22,7 @@ from ...vision.contact import ContactReader, ContactReading
 from .._base import PlanarRodEstimator, Progress, Stream, no_progress
 from .._builder import within_error
 from .._session_metadata import UninformedStream
+from .._values import StoredArrays, StoredFiles, StoredValues
 from ._abstention import actuation_out_of_range, late_frame, too_noisy, unexplained
 from ._calibration import Widths, calibrated_widths, without_widths
 from ._detection import Detected, Detection
@@ -92,17 +93,14 @@ class RodEstimator(PlanarRodEstimator):
 
     @classmethod
     def from_state(
-        cls,
-        settings: Mapping[str, Any],
-        values: Mapping[str, Any],
-        arrays: Mapping[str, npt.NDArray[Any]],
-        files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
+        cls, settings: StoredValues, values: StoredValues, arrays: StoredArrays, files: StoredFiles = None
     ) -> Self:
         """Makes the fitted method from its saved state; the inverse of `state`.
 
         Raises:
             ModelError: the model has other unknowns than this version of the program.
         """
+        del files
         if values["unknowns"] != list(UNKNOWNS):
             raise ModelError(f"the model was made for the unknowns {values['unknowns']}; train it again")
         made = cls(cls.settings_type.model_validate(settings))  # type: ignore[arg-type]

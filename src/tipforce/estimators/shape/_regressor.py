@@ -327,17 +327,14 @@ class ShapeRegressor(CentrelineEstimator):
 
     @classmethod
     def from_state(
-        cls,
-        settings: StoredValues,
-        values: StoredValues,
-        arrays: StoredArrays,
-        files: StoredFiles = None,  # noqa: ARG003 (it leaves no files)
+        cls, settings: StoredValues, values: StoredValues, arrays: StoredArrays, files: StoredFiles = None
     ) -> Self:
         """Makes a fitted method from the return values of `state`; see `Estimator.from_state`.
 
         Raises:
             KeyError, TypeError, ValueError: the values and arrays are not those of the method.
         """
+        del files
         made = cls(cls.settings_type.model_validate(settings))
         state = FittedRegressor.model_validate({"model": {}, **values})
         targets = len(state.targets)

@@ -147,13 +147,7 @@ def gather_rows(
 
 
 def _needed(settings: ShapeRegressorSettings, dataset: Dataset, source: Dataset) -> BoolArray:
-    """Returns (len(source),) True for the samples of ``dataset`` and the earlier frames that the window needs.
-
-    Args:
-        settings: settings of the window.
-        dataset: the samples.
-        source: all frames of their sessions.
-    """
+    """Returns (len(source),) True for the samples of ``dataset`` and the earlier frames that the window needs."""
     in_dataset = np.isin(source.rows, dataset.rows)
     if not settings.window.used:
         return in_dataset

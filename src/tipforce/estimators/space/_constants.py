@@ -145,12 +145,6 @@ def _view_stds(settings: SpaceSettings, info: SessionInfo, view: str, *, first: 
     """Returns the standard deviations (`VIEW_ERRORS`,) of the errors of a projection: two in px, four relative.
 
     The distance of the second view is an unknown of its pose. That of the first one is part of its scale.
-
-    Args:
-        settings: the settings.
-        info: the session metadata.
-        view: name of the view.
-        first: whether it is the first view.
     """
     prior, stated = settings.prior, info.view(view)
     shift, stretch = prior.view_shift_px, prior.view_stretch

@@ -260,11 +260,7 @@ class SpaceFilter:
     ) -> None:
         """Begins the session, at its first instant or again: finds the frame of the base, sets the constants' priors.
 
-        Args:
-            lines: line of each view.
-            cameras: (3, 4) projection of each view.
-            knob_deg: reading of the knob; NaN: not known.
-            advance_m: advance of the clamp; the origin is where the clamp is at advance 0.
+        Line and projection (3, 4) are by the name of the view. The origin is where the clamp is at an advance of 0.
         """
         views = self._settings.views
         prior = self._pose_prior
@@ -285,10 +281,7 @@ class SpaceFilter:
     def _problem(self, lines: Mapping[str, ShownLine], cameras: Mapping[str, FloatArray], advance_m: float) -> Problem:
         """Returns lines and prior of an instant as the problem of its posterior, with the noise of each line.
 
-        Args:
-            lines: line of each view; one that is older than this instant is predicted and has more noise.
-            cameras: (3, 4) projection of each view.
-            advance_m: advance of the clamp.
+        A line that is older than this instant is predicted and has more noise. ``cameras``: (3, 4) projections.
         """
         assert self.constants is not None
         assert self._start is not None
@@ -369,11 +362,9 @@ class SpaceFilter:
         return found.chi2 <= self._settings.max_misfit * problem.rows
 
     def _mirrored(self, problem: Problem, touch: Fit) -> Fit | None:
-        """Returns a second fit, from the force mirrored in the image's plane; None where there is no separate one.
+        """Returns a second fit, from the force of the first one, ``touch``, mirrored in the image's plane.
 
-        Args:
-            problem: lines and prior; the image is that of the first view that shows this instant.
-            touch: the first fit.
+        None where it is no separate one. The image is that of the first view that shows this instant.
         """
         shown = next(line for line in problem.measurements if not line.age_s)
         depth = toward_viewer(shown.camera, np.zeros(3))
@@ -391,14 +382,7 @@ class SpaceFilter:
 
 
 def _each_on_its_side(first: Nodes, second: Nodes, first_n: FloatArray, second_n: FloatArray) -> list[Nodes]:
-    """Returns two grids without overlap: each keeps the nodes that are nearer to its own best force.
-
-    Args:
-        first: a grid.
-        second: another one.
-        first_n: (3,) best force of the first one, N.
-        second_n: (3,) that of the second one.
-    """
+    """Returns two grids without overlap: each keeps the nodes that are nearer to its own best force (3,), N."""
     grids: list[Nodes] = []
     for nodes, own_n, other_n in ((first, first_n, second_n), (second, second_n, first_n)):
         middle_n, toward_own = 0.5 * (own_n + other_n), own_n - other_n

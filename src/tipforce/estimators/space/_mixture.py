@@ -59,12 +59,8 @@ def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
     """Returns weighted points of the force: at each node of a grid, Gauss-Hermite points in the free directions.
 
     The prior of the force is uniform in its magnitude, in the angle to the tip's axis, and about this axis; it allows
-    pushes only. As a density in space it is infinite at no force and along the axis: `_NEAR_NOTHING` limits it.
-
-    Args:
-        nodes: the fitted nodes; in the other directions of ``nodes.basis`` the force is fixed at each of them.
-        best: logarithm of a density that the weights are relative to.
-        largest_n: the prior of the force ends here.
+    pushes only, up to ``largest_n``. As a density in space it is infinite at no force and along the axis:
+    `_NEAR_NOTHING` limits it. Weights are relative to a density whose logarithm is ``best``.
     """
     free = FORCE - nodes.held
     covariance = nodes.basis.T @ nodes.covariance[:, :FORCE, :FORCE] @ nodes.basis
@@ -144,14 +140,8 @@ def _widen_by_profile(grids: Sequence[Nodes], free: Fit, largest_n: float, low: 
 
     Where the shape shows nothing of a force the prior alone would decide, in favour of no contact. Where a grid ends on
     a push that explains the lines, because the rod alone would buckle under more, larger pushes are not excluded: a
-    tissue that holds the tip may carry them.
-
-    Args:
-        grids: fitted grids.
-        free: the fit without a force.
-        largest_n: no force is larger.
-        low: (4,) lower ends for fx, fy, fz and the magnitude, N; changed in place.
-        high: (4,) upper ends; changed in place.
+    tissue that holds the tip may carry them, up to ``largest_n``. ``low`` and ``high`` (4,) are the ends for fx, fy, fz
+    and the magnitude, N, changed in place.
     """
     best = min([free.cost if free.ok else math.inf, *(float(nodes.cost.min()) for nodes in grids)])
     if free.ok and free.cost <= best + _PROFILE:

@@ -439,14 +439,9 @@ def _turned(matrix: FloatArray, basis: FloatArray) -> FloatArray:
 
 
 def _parent(place: list[int], index: dict[tuple[int, ...], int]) -> int:
-    """Returns the index of a node's neighbour toward the middle, from whose shape the node's fit starts.
+    """Returns the index of a node's neighbour toward the middle, from whose shape the node's fit starts; -1: none.
 
-    Args:
-        place: position of the node in the grid, counted from the middle.
-        index: position -> index of all nodes.
-
-    Returns:
-        The index; -1: there is no such node, and the shape of the best fit is the start.
+    ``place`` is the node's position in the grid, counted from the middle; ``index`` maps positions to indices.
     """
     nearer = list(place)
     for k in range(len(place)):

@@ -70,17 +70,9 @@ def _segment(
 
 @compiled
 def residuals(
-    nodes: FloatArray,
-    node_slopes: FloatArray,
-    position: FloatArray,
-    turn: FloatArray,
-    turn_slopes: FloatArray,
-    camera: FloatArray,
-    points: FloatArray,
-    normals: FloatArray,
-    residual: FloatArray,
-    slopes: FloatArray,
-) -> None:
+    nodes: FloatArray, node_slopes: FloatArray, position: FloatArray, turn: FloatArray, turn_slopes: FloatArray,
+    camera: FloatArray, points: FloatArray, normals: FloatArray, residual: FloatArray, slopes: FloatArray,
+) -> None:  # fmt: skip
     """Computes the residuals of one view: the model minus the line, across it, and last along it at the tip.
 
     Each detected point is compared with the place where the model passes it, not with a point of the same arc length:

@@ -36,6 +36,7 @@ from .._facts import ModelFacts, ModelSummary
 from .._reading import Abstention
 from .._session_detection import DetectedLine, SessionDetection
 from .._session_metadata import UninformedStream
+from .._values import StoredArrays, StoredFiles, StoredValues
 from ..session import actuation_out_of_range, late_frame, too_noisy, unexplained, without_widths
 from ._filter import SpaceFilter, SpaceResult, ViewShape
 from ._motion import MAX_LINE_AGE_S
@@ -310,11 +311,7 @@ class Rod3d(Estimator):
 
     @classmethod
     def from_state(
-        cls,
-        settings: Mapping[str, Any],
-        values: Mapping[str, Any],
-        arrays: Mapping[str, npt.NDArray[Any]],
-        files: Mapping[str, bytes] | None = None,
+        cls, settings: StoredValues, values: StoredValues, arrays: StoredArrays, files: StoredFiles = None
     ) -> Self:
         """Makes the fitted method from its saved state, the inverse of `state`.
 

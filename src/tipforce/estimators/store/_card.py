@@ -21,66 +21,45 @@ def model_card(estimator: Estimator, manifest: Mapping[str, Any]) -> str:
     sessions = training["sessions"]
     inputs = f"{summary.inputs} " if summary.inputs else ""
     basis = f"The interval rests on: **{facts.interval_basis}**{_calibrated(training)}."
-    lines = [
+    simulated = "All of it was simulated: the model knows only the simulated bench, and no image of a real one."
+    paragraphs = [
         f"# {manifest['method']}: force at a catheter's tip from images",
-        "",
         (
             f"Learnt from {_samples_text(training['samples'], facts)} of **{training['title']}** "
             f"({count_of(len(sessions), 'session')}: {_listed(sessions)}), "
             f"forces from {low * 1e3:.0f} to {high * 1e3:.0f} mN."
         ),
-        "",
-        *(
-            ("All of it was simulated: the model knows only the simulated bench, and no image of a real one.", "")
-            if training["simulated"]
-            else ()
-        ),
+        *([simulated] if training["simulated"] else []),
         "**Research use only.** Not for diagnosis or treatment.",
-        "",
         "## Use",
-        "",
-        "```",
-        "tipforce estimate THIS_FOLDER video.mp4 --bench bench.toml -o forces.csv",
-        "```",
-        "",
+        "```\ntipforce estimate THIS_FOLDER video.mp4 --bench bench.toml -o forces.csv\n```",
         _needs(estimator),
-        "",
         "## Inputs",
-        "",
         (
             f"{inputs}It reads {views_text(estimator.views)}. Forces are in newtons, on the axes: "
             f"{_axes(manifest['frame_of_forces'])}."
         ),
-        "",
-        "## Accuracy",
-        "",
-        *summary.performance,
-        "",
+        "\n".join(["## Accuracy", "", *summary.performance]),
         basis if facts.interval_basis else "The method states no intervals.",
     ]
     if manifest["metrics"]:
-        lines += ["", "Measured on samples that were not used for training:", ""]
         figures = manifest["metrics"].items()
-        lines += [f"- {name}: {f'{value:.4g}' if isinstance(value, float) else value}" for name, value in figures]
+        rows = [f"- {name}: {f'{value:.4g}' if isinstance(value, float) else value}" for name, value in figures]
+        paragraphs += ["Measured on samples that were not used for training:", "\n".join(rows)]
     versions = ", ".join(f"{name} {number}" for name, number in manifest["versions"].items())
-    lines += [
-        "",
+    paragraphs += [
         "## Limits",
-        "",
         (
             "Another catheter, another camera view, larger forces or stronger bends than above: there the model has no "
             "training data. For a frame without an estimate the output states the reason, never an old number."
         ),
-        "",
         "## Made with",
-        "",
         (
             f"{versions}; seed {manifest['seed']}; training data {training['fingerprint'][:16]}. "
-            "Every setting is in `model.json`."
+            "Every setting is in `model.json`.\n"
         ),
-        "",
     ]
-    return "\n".join(lines)
+    return "\n\n".join(paragraphs)
 
 
 def _needs(estimator: Estimator) -> str:

@@ -72,6 +72,7 @@ def run_directory(method: Estimator, model: Path, *, resume: bool, advice: str =
 
 
 def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Generator[Path | None]:
+    """Checks, makes, yields and removes the run directory, while the model's folder is locked; see `run_directory`."""
     folder = _folder(model)
     if resume and not folder.is_dir():
         raise InputError(f"there is nothing to resume: {folder} does not exist; leave out resume=True")
@@ -79,9 +80,9 @@ def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Gene
         raise InputError(
             f"{folder}: holds a training that was not finished; continue it with resume=True, or remove the folder"
         )
-    there = list(folder.iterdir()) if folder.is_dir() else []
+    entries = list(folder.iterdir()) if folder.is_dir() else []
     unexpected = [
-        path.name for path in there if not path.is_file() or path.name.removesuffix(".part") not in method.run_files
+        path.name for path in entries if not path.is_file() or path.name.removesuffix(".part") not in method.run_files
     ]
     if unexpected:
         raise InputError(
@@ -91,7 +92,7 @@ def _locked(method: FineTunable, model: Path, resume: bool, advice: str) -> Gene
     folder.mkdir(parents=True, exist_ok=True)
     try:
         yield folder
-    except BaseException:
+    except BaseException:  # an interrupt by the keyboard, too
         if not training_started(model):
             shutil.rmtree(folder)
         elif advice:

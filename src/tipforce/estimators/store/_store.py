@@ -103,7 +103,8 @@ def check_target(folder: str | Path, *, overwrite: bool = False) -> None:
         raise InputError(f"{folder}: is no model folder, so overwrite=True does not replace it; choose another name")
 
 
-def _of(data: Dataset) -> dict[str, Any]:
+def _facts_of(data: Dataset) -> dict[str, Any]:
+    """Returns the manifest's entry of a dataset: title, checksums, size and sessions."""
     return {
         "title": data.title,
         "fingerprint": data.fingerprint(),
@@ -120,6 +121,10 @@ def _manifest(
     metrics: Mapping[str, Any] | None,
     values: dict[str, Any],
 ) -> dict[str, Any]:
+    """Returns the content of ``model.json`` without the checksums; for the arguments see `save_model`.
+
+    ``values`` are the JSON values of the method's state.
+    """
     frames = sorted(training.force_frames)
     return {
         "format": "tipforce model",
@@ -131,8 +136,8 @@ def _manifest(
         "state": values,
         "facts": estimator.describe().model_dump(mode="json"),
         "training": {
-            **_of(training),
-            **({} if calibration is None else {"calibration": _of(calibration)}),
+            **_facts_of(training),
+            **({} if calibration is None else {"calibration": _facts_of(calibration)}),
             "simulated": all(info.simulated for info in training.session_info.values()),
             "force_range_n": [float(np.min(training.magnitude_n)), float(np.max(training.magnitude_n))],
         },
@@ -159,11 +164,18 @@ def load_model(folder: str | Path, view: str | None = None) -> Estimator:
         InputError: a view is stated for a method that does not read one.
         ModelError: a file is missing or altered, the model is newer than this program, or its method is unknown.
     """
-    found = _loaded(located(folder))
-    return found if view is None else found.reading(view)
+    method = _loaded(located(folder))
+    return method if view is None else method.reading(view)
 
 
 def _loaded(folder: Path) -> Estimator:
+    """Returns the method in a model folder, or an unfitted method that needs no fit if ``folder`` is its name.
+
+    A graph that did not come with this program is checked and run in a separate process first: it may be harmful.
+
+    Raises:
+        ModelError: a file is missing, altered or harmful, or does not fit the method.
+    """
     named = ESTIMATORS.get(str(folder))
     if named is not None and not named.needs_fit and not (folder / MANIFEST).exists():
         return named()
@@ -181,7 +193,7 @@ def _loaded(folder: Path) -> Estimator:
                 if folder.parent != PRETRAINED:
                     try_graph(folder / name)
         kind, settings = ESTIMATORS[manifest["method"]], manifest["settings"]
-        if folder.parent == PRETRAINED:  # for every bench, so no view is chosen
+        if folder.parent == PRETRAINED:  # for every bench: the view of the training data does not count
             settings = {key: value for key, value in settings.items() if key != kind.view_setting}
         return kind.from_state(settings, manifest["state"], arrays, files)
     except _UNFIT as error:
@@ -195,6 +207,7 @@ def _loaded(folder: Path) -> Estimator:
 
 
 def _first_of(error: Exception) -> str:
+    """Returns an error in one short line; where several values are wrong, the first one."""
     if isinstance(error, ValidationError):
         first = error.errors()[0]
         return f"{'.'.join(str(part) for part in first['loc'])}={str(first['input'])[:80]}: {first['msg']}"
@@ -242,25 +255,25 @@ def read_manifest(folder: str | Path) -> dict[str, Any]:
         raise ModelError(f"{folder}: is no model folder, there is no {MANIFEST}; make one with `tipforce train`")
     try:
         manifest = read_json(path, max_bytes=MAX_MANIFEST_BYTES)
-        found = manifest["format_version"]
-        needed = {"method", *_OBJECTS} - set(manifest)
+        stored_version = manifest["format_version"]
+        lacking = {"method", *_OBJECTS} - set(manifest)
         wrong = [name for name in _OBJECTS if not isinstance(manifest.get(name, {}), dict)]
     except FileFormatError as error:
         raise ModelError(f"{error}; train the model again or copy the whole folder") from None
     except (KeyError, TypeError):
         raise ModelError(f"{path}: is damaged; train the model again or copy the whole folder") from None
-    if not isinstance(found, int) or found > FORMAT_VERSION:
+    if not isinstance(stored_version, int) or stored_version > FORMAT_VERSION:
         raise ModelError(
-            f"{path}: has the format version {found}, this program reads version {FORMAT_VERSION}; update "
+            f"{path}: has the format version {stored_version}, this program reads version {FORMAT_VERSION}; update "
             f"tipforce (this is {version('tipforce')}) or train the model again"
         )
-    if found < FORMAT_VERSION:
+    if stored_version < FORMAT_VERSION:
         raise ModelError(
-            f"{path}: has the older format version {found}, this program reads version {FORMAT_VERSION}; train the "
-            "model again"
+            f"{path}: has the older format version {stored_version}, this program reads version {FORMAT_VERSION}; "
+            "train the model again"
         )
-    if needed:
-        raise ModelError(f"{path}: lacks {', '.join(sorted(needed))}; train the model again or copy the whole folder")
+    if lacking:
+        raise ModelError(f"{path}: lacks {', '.join(sorted(lacking))}; train the model again or copy the whole folder")
     if wrong:
         raise ModelError(
             f"{path}: {wrong[0]} is no list of named values; train the model again or copy the whole folder"

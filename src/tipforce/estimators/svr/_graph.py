@@ -61,13 +61,7 @@ def _probes(machines: Machines) -> FloatArray:
 
 
 def _graph(onnx: Any, machines: Machines, facts: dict[str, str]) -> Any:
-    """Returns the ONNX model of `Machines`: for each target the kernel sum and the linear part, in newtons.
-
-    Args:
-        onnx: the module onnx.
-        machines: the fitted machines.
-        facts: metadata of the model.
-    """
+    """Returns the ONNX model of `Machines`: for each target the kernel sum and the linear part, in newtons."""
     helper, number = onnx.helper, onnx.numpy_helper.from_array
     constants: list[Any] = []
     nodes: list[Any] = []

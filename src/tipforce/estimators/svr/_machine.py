@@ -119,18 +119,9 @@ class Machines:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def evaluate(
-    raw: FloatArray,
-    shift: FloatArray,
-    scale: FloatArray,
-    vectors: FloatArray,
-    dual: FloatArray,
-    ends: IntArray,
-    intercept: FloatArray,
-    gamma: FloatArray,
-    unit_n: FloatArray,
-    weights: FloatArray,
-    out: FloatArray,
-) -> None:
+    raw: FloatArray, shift: FloatArray, scale: FloatArray, vectors: FloatArray, dual: FloatArray, ends: IntArray,
+    intercept: FloatArray, gamma: FloatArray, unit_n: FloatArray, weights: FloatArray, out: FloatArray,
+) -> None:  # fmt: skip
     """Computes the forces of one frame: for each target, kernels of the support vectors (thesis eq. 13 and 15).
 
     Args:

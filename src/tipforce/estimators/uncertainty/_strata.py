@@ -148,16 +148,10 @@ def fit_strata(
 def _by_stratum(
     by: FloatArray, error: FloatArray, session: npt.NDArray[np.str_], edges: FloatArray, least: FloatArray | None
 ) -> FloatArray:
-    """Returns the ends (k, 2) of the errors in the strata of a quantity.
+    """Returns the ends (k, 2) of the errors (n,) in the strata of ``by`` (n,), the measured or the estimated force, N.
 
-    In a stratum with few sessions the ends are not nearer than those of the stratum below, or than ``least``.
-
-    Args:
-        by: (n,) the quantity: measured or estimated force, N.
-        error: (n,) errors.
-        session: (n,) sessions.
-        edges: (k + 1,) edges of the strata, N.
-        least: (2,) ends that count in each such stratum; None: none.
+    In a stratum with few sessions the ends are not nearer than those of the stratum below, or than ``least`` (2,). The
+    strata have the ``edges`` (k + 1,), N.
     """
     strata: list[FloatArray] = []
     for low, high in pairwise(edges):
@@ -173,13 +167,9 @@ def _by_stratum(
 
 
 def _ends(error: FloatArray, session: npt.NDArray[np.str_]) -> tuple[FloatArray, int]:
-    """Returns the ends (2,) between which 90 % of a new session's errors are, and the number of sessions.
+    """Returns the ends (2,) between which 90 % of a new session's errors (n,) are, and the number of sessions.
 
     They are the quantiles about the median, times a factor: see the module.
-
-    Args:
-        error: (n,) signed errors.
-        session: (n,) their sessions.
     """
     _, index, counts = np.unique(session, return_inverse=True, return_counts=True)
     sessions = len(counts)
