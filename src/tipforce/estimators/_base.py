@@ -193,9 +193,6 @@ class Estimator(ABC):
             values: the JSON values of `state`.
             arrays: the arrays of `state`.
             files: the files of `files`.
-
-        Returns:
-            The fitted method.
         """
         del values, arrays, files
         return cls(cls.settings_type.model_validate(settings))

@@ -158,10 +158,10 @@ def unlike_training(
     for name, (low, high) in limits.items():
         value = observation.actuation.get(name)
         if value is not None and not low <= value <= high:
-            return Abstention(
-                Status.OUT_OF_DISTRIBUTION,
-                f"the actuation is unlike the training data ({name} {value:g}, the limits are {low:g} and {high:g})",
+            detail = (
+                f"the actuation is unlike the training data ({name} {value:g}, the limits are {low:g} and {high:g})"
             )
+            return Abstention(Status.OUT_OF_DISTRIBUTION, detail)
     open_names = [name for name in names if name not in limits and name in observation.actuation]
     return implausible_actuation({name: observation.actuation[name] for name in open_names}, info)
 

@@ -17,7 +17,7 @@ class RecentShare:
         self.value = 1.0
 
     def add(self, present: bool, elapsed_s: float) -> None:
-        """Adds a frame.
+        """Updates ``value``, the recent share of frames with a property: an exponential moving average.
 
         Args:
             present: whether the frame has the property.

@@ -59,9 +59,6 @@ def create(name: str, settings: BaseModel | Mapping[str, Any] | None = None) -> 
         name: the name of the method.
         settings: an instance of ``ESTIMATORS[name].settings_type``, or some of its values; None: the defaults.
 
-    Returns:
-        The method, not fitted.
-
     Raises:
         InputError: there is no method of this name.
         pydantic.ValidationError: the settings refuse a value.

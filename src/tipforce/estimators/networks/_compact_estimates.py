@@ -124,15 +124,11 @@ class CompactEstimateBuilder:
             outputs: outputs of the network, (1, ...) each.
         """
         if self.limits.min_heatmap_px > 0.0 and (pixels := heatmap_pixels(outputs)[0]) < self.limits.min_heatmap_px:
-            return ForceEstimate.invalid(
-                stamp_ns, Status.NO_CATHETER, f"the heatmap shows no catheter in the window ({pixels:.1f} pixels)"
-            )
+            detail = f"the heatmap shows no catheter in the window ({pixels:.1f} pixels)"
+            return ForceEstimate.invalid(stamp_ns, Status.NO_CATHETER, detail)
         if outputs["in_distribution_logit"][0] < self.limits.min_in_distribution_logit:
-            return ForceEstimate.invalid(
-                stamp_ns,
-                Status.OUT_OF_DISTRIBUTION,
-                "the catheter is shifted, rotated, or of another scale than in all training images",
-            )
+            detail = "the catheter is shifted, rotated, or of another scale than in all training images"
+            return ForceEstimate.invalid(stamp_ns, Status.OUT_OF_DISTRIBUTION, detail)
         abstention = self.ood.abstention(stamp_ns, outputs["grid"])
         if abstention is not None:
             return abstention
@@ -141,14 +137,11 @@ class CompactEstimateBuilder:
             return implausible(stamp_ns, size_n)
         sigma_n = magnitude_sigma(force, covariance)
         if not sigma_n <= self.limits.max_sigma_n:
-            return ForceEstimate.invalid(
-                stamp_ns,
-                Status.UNOBSERVABLE,
-                f"the force has a standard deviation of {sigma_n * 1e3:.0f} mN in this image, more than the limit",
-                abstained_interval_n=self.interval.magnitude_interval(size_n, sigma_n),
-            )
+            detail = f"the force has a standard deviation of {sigma_n * 1e3:.0f} mN in this image, more than the limit"
+            ends = self.interval.magnitude_interval(size_n, sigma_n)
+            return ForceEstimate.invalid(stamp_ns, Status.UNOBSERVABLE, detail, abstained_interval_n=ends)
         rate = self.history.rate(stamp_ns, force)
-        if rate is None:
+        if rate is None:  # no earlier frame: the viscous part stays unknown, and widens the interval
             covariance = covariance * self.compensation.sigma_factor_without_history**2
         else:
             force = force + rate @ self.compensation.seconds
@@ -187,15 +180,12 @@ class CompactEstimateBuilder:
 
 
 def component_sigma(outputs: Outputs, laplace: LastLayerLaplace, unit_n: float) -> FloatArray:
-    """Returns standard deviations of the components, aleatoric and epistemic together.
+    """Returns standard deviations (n, t) of the components, N, aleatoric and epistemic together.
 
     Args:
         outputs: outputs of the network for n samples.
         laplace: epistemic uncertainty.
         unit_n: the network's unit of force in newtons.
-
-    Returns:
-        (n, t) in newtons.
     """
     log_variance = outputs["log_variance"].astype(np.float64)
     epistemic = 1.0 + laplace.variance(outputs["features"].astype(np.float64))

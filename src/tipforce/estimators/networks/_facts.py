@@ -74,7 +74,7 @@ class NetworkFacts(NetworkTraining, ModelFacts, frozen=True):
     magnitude_interval_n: dict[str, list[float]] = Field(default_factory=dict)
 
     def summary(self) -> ModelSummary:
-        """Returns inputs, training, intervals."""
+        """Returns inputs, training and intervals in words, for the model card and for the person who trained it."""
         short = self.input + (f" and {', '.join(self.actuation)}" if self.actuation else "")
         inputs = f"{short[0].upper()}{short[1:]}: {self.network}."
         if self.required_metadata:

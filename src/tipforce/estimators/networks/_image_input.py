@@ -111,10 +111,8 @@ def catheter_window(
     if side is None:
         return Window((0.5 * (width - size) - 0.5, 0.5 * height - 0.5), size, 0, at_base=False)
     turns = BASE_SIDES.index(side)
-    u, v = (
-        across * width - 0.5,
-        across * height - 0.5,
-    )  # pixel centres are at integers: borders are half a pixel outside
+    # pixel centres are at integers: the borders of the image are at -0.5 and width - 0.5
+    u, v = across * width - 0.5, across * height - 0.5
     origins = ((-0.5, v), (u, height - 0.5), (width - 0.5, v), (u, -0.5))  # as in BASE_SIDES
     return Window(origins[turns], size, turns)
 

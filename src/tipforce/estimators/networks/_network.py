@@ -318,9 +318,6 @@ class NetworkEstimator(FineTunable):
             folder: folder of the prepared arrays; they are used again for the same settings and sessions.
             report: called with the finished share.
 
-        Returns:
-            The inputs of the samples that can be read.
-
         Raises:
             InputError: fewer than `MIN_SAMPLES` samples can be read.
         """

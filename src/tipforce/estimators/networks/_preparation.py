@@ -156,9 +156,6 @@ def prepare(
         names: (n,) name of each sample in messages.
         report: called with the finished share.
 
-    Returns:
-        The inputs that could be read.
-
     Raises:
         InputError: there is not enough disk space.
     """

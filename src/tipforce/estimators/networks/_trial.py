@@ -32,16 +32,16 @@ def try_graph(path: Path) -> None:
     except subprocess.TimeoutExpired:
         raise ModelError(f"{path.name}: one run took more than {TRIAL_S:g} s; train the model again") from None
     if done.returncode:
-        said = " ".join((done.stderr or "").split())
-        if "MemoryError" in said or "allocate" in said:
-            why = f"takes more than {TRIAL_BYTES >> 30} GiB of memory"
+        message = " ".join((done.stderr or "").split())
+        if "MemoryError" in message or "allocate" in message:
+            reason = f"takes more than {TRIAL_BYTES >> 30} GiB of memory"
         else:
-            why = f"cannot be run ({said[:200] or f'it ends with the code {done.returncode}'})"
-        raise ModelError(f"{path.name}: {why}; copy the whole model folder again, or train the model again")
+            reason = f"cannot be run ({message[:200] or f'it ends with the code {done.returncode}'})"
+        raise ModelError(f"{path.name}: {reason}; copy the whole model folder again, or train the model again")
 
 
 def _run(path: Path, limit_bytes: int) -> None:
-    """Runs in the separate process, which loads only NumPy and the runtime."""
+    """Loads a graph and runs it on zeros, in the separate process with limited memory, one thread, no core dump."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # each thread takes address space
         os.environ[name] = "1"
     if sys.platform != "win32":

@@ -69,14 +69,11 @@ _CALIBRATION_IMAGES = 10
 
 
 def metadata_features(info: SessionInfo, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
-    """Returns `METADATA_FEATURES` of catheter and bench.
+    """Returns `METADATA_FEATURES` (4,) of catheter and bench; 0 for unknown values.
 
     Args:
         info: metadata of the session.
         actuation: readings of the drives by name.
-
-    Returns:
-        (4,) features; 0 for unknown values.
 
     >>> metadata_features(SessionInfo(), {}).tolist()
     [0.0, 0.0, 0.0, 0.0]
@@ -244,6 +241,7 @@ class Compact(NetworkEstimator):
         ]
 
         def read(observation: Observation, masks: Masks | None = None) -> Arrays | Abstention:
+            """Returns the inputs by name, or the reason why they cannot be read."""
             views = self.read_views(observation)
             if isinstance(views, Abstention):
                 return views
@@ -295,7 +293,7 @@ class Compact(NetworkEstimator):
         return tuple(map(str, stored.tolist()))
 
     def task(self, known: BoolArray, base_frame: bool, actuation: tuple[tuple[float, float], ...]) -> CompactTask:
-        """See `NetworkEstimator`."""
+        """Returns the network to train; forces in the base frame may be mirrored about x; see `NetworkEstimator`."""
         return CompactTask(
             outputs=int(known.sum()),
             metadata=len(self.metadata_features),
@@ -383,7 +381,7 @@ class Compact(NetworkEstimator):
         return CompactStream(self._fitted(), reader, builder, self.required_actuation, info, self.views)
 
     def estimate_builder(self, info: SessionInfo) -> CompactEstimateBuilder:
-        """See `NetworkEstimator`."""
+        """Returns a builder of one session's estimates, with the stored uncertainty, limits and tissue evidence."""
         fitted = self._fitted()
         evidence = TissueEvidence.of(fitted.arrays)
         return CompactEstimateBuilder(
@@ -399,7 +397,7 @@ class Compact(NetworkEstimator):
         )
 
     def check_outputs(self, outputs: Outputs) -> None:
-        """See `NetworkEstimator`."""
+        """Computes from ``outputs`` for one image all that an estimate needs. Raises KeyError or ValueError."""
         fitted = self._fitted()
         count = int(fitted.known.sum())
         component_sigma(outputs, LastLayerLaplace.of(fitted.arrays), COMPACT_UNIT_N)
@@ -476,11 +474,8 @@ class CompactStream(NetworkStream):
         elapsed_s, self._last_ns = max(0.0, 1e-9 * (observation.stamp_ns - last_ns)), observation.stamp_ns
         self._in_distribution.add(estimate.status is not Status.OUT_OF_DISTRIBUTION, elapsed_s)
         if estimate.valid and self._in_distribution.value < MIN_IN_DISTRIBUTION_SHARE:
-            return ForceEstimate.invalid(
-                observation.stamp_ns,
-                Status.OUT_OF_DISTRIBUTION,
-                f"only {self._in_distribution.value:.0%} of the last images are like those of the training",
-            )
+            detail = f"only {self._in_distribution.value:.0%} of the last images are like those of the training"
+            return ForceEstimate.invalid(observation.stamp_ns, Status.OUT_OF_DISTRIBUTION, detail)
         return estimate
 
 

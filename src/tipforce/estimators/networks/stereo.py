@@ -55,25 +55,25 @@ class Stereo(Compact):
         if missing:
             there = ", ".join(observation.views) or "none"
             which = f"view {missing[0]!r} has" if len(missing) == 1 else f"the views {first!r} and {second!r} have"
-            return Abstention(
-                Status.MISSING_INPUT,
+            detail = (
                 f"{which} no image of this instant (there is {there}); stereo needs the images of both its views, "
-                f"{first!r} and {second!r}, as the setting views names them",
+                f"{first!r} and {second!r}, as the setting views names them"
             )
-        found: list[Image] = []
+            return Abstention(Status.MISSING_INPUT, detail)
+        images: list[Image] = []
         for view in self.views:
             image = read_image(observation, view, "views")
             if isinstance(image, Abstention):
                 return image
-            found.append(image)
-        return found
+            images.append(image)
+        return images
 
     def read_metadata(self, info: SessionInfo, actuation: Mapping[str, float]) -> npt.NDArray[np.float32]:
         """Returns the values of `metadata_features`; see `Compact.read_metadata`."""
         return np.append(metadata_features(info, actuation), angle_between(info, self.views)).astype(np.float32)
 
     def task(self, known: BoolArray, base_frame: bool, actuation: tuple[tuple[float, float], ...]) -> StereoTask:
-        """See `NetworkEstimator`."""
+        """Returns the network to train; base-frame forces are mirrored with the image; see `NetworkEstimator`."""
         outputs = np.flatnonzero(known).tolist()
         return StereoTask(
             outputs=len(outputs),
@@ -101,9 +101,9 @@ def angle_between(info: SessionInfo, views: tuple[str, ...]) -> tuple[float, flo
     if first.projection is None or second.projection is None or first.projection_frame != second.projection_frame:
         return 0.0, 0.0
     along, across = _directions(np.array(first.projection), first.base_side)
-    _, other = _directions(np.array(second.projection), second.base_side)
+    _, second_across = _directions(np.array(second.projection), second.base_side)
     depth = np.cross(along, across)
-    cosine, sine = float(other @ across), float(other @ depth)
+    cosine, sine = float(second_across @ across), float(second_across @ depth)
     length = np.hypot(cosine, sine)
     return (cosine / length, sine / length) if length > 0.0 else (0.0, 0.0)
 

@@ -254,13 +254,11 @@ class RodModelEstimator(PlanarRodEstimator):
             detail = f"the {self.name} model has no equilibrium near this centreline"
             return ForceEstimate.invalid(stamp_ns, Status.UNOBSERVABLE, detail, line.shape)
         if fit.misfit > fitted.largest_misfit:
-            return ForceEstimate.invalid(
-                stamp_ns,
-                Status.OUT_OF_DISTRIBUTION,
+            detail = (
                 f"no force at the tip bends the {self.name} model to this centreline (squared misfit "
-                f"{fit.misfit:.0f}, the limit is {fitted.largest_misfit:.0f})",
-                line.shape,
+                f"{fit.misfit:.0f}, the limit is {fitted.largest_misfit:.0f})"
             )
+            return ForceEstimate.invalid(stamp_ns, Status.OUT_OF_DISTRIBUTION, detail, line.shape)
         force = fit.force_n
         magnitude_n = float(np.hypot(*force))
         if not magnitude_n <= MAX_FORCE_N:
@@ -283,22 +281,24 @@ class RodModelEstimator(PlanarRodEstimator):
         return fit_force(model, line.stations_m[-2 * self.stations :], noise)
 
     def _model_of(self, info: SessionInfo, knob_deg: float, factor: float, offset_per_m: float) -> RodModel:
-        """Returns the model of a session's catheter at one angle of its knob."""
-        catheter = info.catheter
+        """Returns the model of a session's catheter, with ``factor`` times the nominal stiffness.
+
+        Its pre-curvature is that of the knob's angle plus ``offset_per_m``. Without a stated stiffness in training, the
+        factor belongs to the typical one.
+        """
         learnt = self.fitted_ is not None and not self.fitted_.stiffness_stated
-        nominal = self.settings.stiffness_nm2 or (None if learnt else catheter.bending_stiffness_nm2)
-        assert catheter.flexible_length_m is not None
-        return _model(
-            type(self).model,
-            catheter,
-            factor * (nominal or _TYPICAL_STIFFNESS_NM2),
-            (info.actuation.curvature_per_m(knob_deg) or 0.0) + offset_per_m,
-        )
+        stated_nm2 = self.settings.stiffness_nm2 or (None if learnt else info.catheter.bending_stiffness_nm2)
+        stiffness_nm2 = factor * (stated_nm2 or _TYPICAL_STIFFNESS_NM2)
+        curvature_per_m = (info.actuation.curvature_per_m(knob_deg) or 0.0) + offset_per_m
+        return _model(type(self).model, info.catheter, stiffness_nm2, curvature_per_m)
 
     def _stiffness_and_offset(
         self, lines: Sequence[RodLine], infos: Sequence[SessionInfo], force: FloatArray
     ) -> tuple[float, float]:
-        """Fits stiffness factor and offset of the pre-curvature: least squares, weighted by stated uncertainties."""
+        """Fits the stiffness factor and the offset of the pre-curvature, 1/m, to n lines with known forces (n, 2) in N.
+
+        Least squares over the stations, weighted by the stated uncertainties; the factor by its logarithm.
+        """
         stated = _unfitted(self.settings, self.stations).covariance_m2
         root = np.linalg.cholesky(np.linalg.inv(stated))
 
@@ -359,7 +359,7 @@ class RodModelEstimator(PlanarRodEstimator):
         return [lines[row] for row in dataset.rows.tolist()]
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """Returns the results of `fit` and `calibrate`."""
+        """Returns the results of `fit` and `calibrate` as JSON values, and the stations' covariance as an array."""
         fitted = self.fitted_ or _unfitted(self.settings, self.stations)
         values: dict[str, Any] = {
             "stiffness_factor": fitted.stiffness_factor,

@@ -59,9 +59,6 @@ class StationNoise:
             covariance_m2: (2 k, 2 k) covariance of the stations.
             force_std_n: prior standard deviation of a force component in newtons.
 
-        Returns:
-            The noise with the inverse covariance.
-
         Raises:
             LinAlgError: the covariance is not positive definite.
         """

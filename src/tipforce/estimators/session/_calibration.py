@@ -145,6 +145,6 @@ def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Width
         true_magnitude = np.linalg.norm(np.where(known, truth, 0.0), axis=1)
         factors[2] = conformal_half_width(errors_over_reach(magnitude, interval, true_magnitude), session, basis)
         strata = fit_strata(magnitude, true_magnitude, session, _unit_n(interval[:, 1] - interval[:, 0]))
-    # infinite: too few sessions for 90 %; the posterior's own intervals stay
+    # infinite: too few samples for 90 %; the posterior's own intervals stay
     finite = [factor if math.isfinite(factor) else 1.0 for factor in factors]
     return Widths(finite[0], finite[1], finite[2], basis.text, strata)

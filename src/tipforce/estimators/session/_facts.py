@@ -35,9 +35,5 @@ class RodFacts(ModelFacts, frozen=True):
     def summary(self) -> ModelSummary:
         """Returns the origin of the priors and the basis of the intervals."""
         line = f"Priors of the rod: {self.origin}; 90 % intervals rest on {self.interval_basis}"
-        return ModelSummary(
-            "The detected centreline, the knob, and the catheter's stated stiffness and length.",
-            "centreline and knob",
-            (f"{line}.",),
-            (line,),
-        )
+        inputs = "The detected centreline, the knob, and the catheter's stated stiffness and length."
+        return ModelSummary(inputs, "centreline and knob", (f"{line}.",), (line,))

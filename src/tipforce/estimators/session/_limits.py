@@ -180,9 +180,9 @@ class ForceLimits:
         first, *rest = [limit for limit in limits if self._counts(limit)] or limits[:1]
         parts = [f"{first.name} {1e3 * first.std_n:.0f} mN", *(f"{each.name} {1e3 * each.std_n:.0f}" for each in rest)]
         remedies = [first.remedy]
-        best = self.measurable[0]
-        if best is not first and self._counts(best):
-            remedies.append(best.remedy)
+        measurable = self.measurable[0]  # the largest contribution may be one that no measurement reduces
+        if measurable is not first and self._counts(measurable):
+            remedies.append(measurable.remedy)
         return f"{', '.join(parts)}: {'; and '.join(remedies)}"
 
     def _counts(self, limit: Limit) -> bool:

@@ -277,7 +277,7 @@ def mixed_constants(
     found: int, weights: FloatArray, contact: float, free_q: FloatArray, free_factor: FloatArray, c: float, s: float,
     scratch: Scratch,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Computes mean and covariance of all unknowns, over the nodes of the walk and the fit without a force.
+    """Returns mean (unknowns,) and covariance (unknowns, unknowns) over the nodes and the fit without a force.
 
     The result is the Gaussian with the moments of a mixture: each node adds its own Gaussian (Laplace's approximation
     at fixed force along the chord) and its distance from the mean. The first two unknowns are the force in x and y.
@@ -291,9 +291,6 @@ def mixed_constants(
         c: cosine of the direction of the walk.
         s: its sine.
         scratch: the nodes.
-
-    Returns:
-        Mean (unknowns,) and covariance (unknowns, unknowns).
     """
     n = free_q.size
     shares = np.zeros(NODES + 1)  # the last used one is that of no contact

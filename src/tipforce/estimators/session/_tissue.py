@@ -53,10 +53,10 @@ class Tissue:
     def __init__(self, settings: ContactSettings, largest_n: float, stated_n_per_m: float | None) -> None:
         self._settings = settings
         self._stiffness = np.geomspace(settings.softest_n_per_m, settings.stiffest_n_per_m, _STIFFNESSES)
-        weights = np.ones((3, _STIFFNESSES))
-        if stated_n_per_m is not None:
-            off = np.log(self._stiffness / stated_n_per_m) / settings.stated_stiffness
-            weights *= np.exp(-0.5 * off**2)
+        weights = np.ones((3, _STIFFNESSES))  # three laws, each as probable as the others
+        if stated_n_per_m is not None:  # a log-normal prior about the stated stiffness
+            distance = np.log(self._stiffness / stated_n_per_m) / settings.stated_stiffness
+            weights *= np.exp(-0.5 * distance**2)
         self._weights = weights / weights.sum()
         self._visible = settings.visible_share
         self.direction_shares = np.full(len(settings.direction_errors_rad), 1.0 / len(settings.direction_errors_rad))

@@ -117,9 +117,6 @@ def make_scratch(rod: Work, unknowns: int) -> Scratch:
     Args:
         rod: buffers of the rod's fit, see `make_work`.
         unknowns: number of unknowns.
-
-    Returns:
-        The buffers.
     """
     return Scratch(
         rod, np.zeros(unknowns), np.zeros(rod.theta.size), np.zeros(unknowns), np.zeros(unknowns),
@@ -346,9 +343,6 @@ def relax(
             flat prior.
         most: largest number of steps.
         scratch: buffers; ``rod.theta`` holds the shape of the start. Its matrix is left factorised.
-
-    Returns:
-        The fit.
     """
     work = scratch.rod
     trial, last_theta = scratch.start, scratch.kept

@@ -48,7 +48,7 @@ class ShapeFacts(ModelFacts, frozen=True):
         return {}
 
     def summary(self) -> ModelSummary:
-        """Returns inputs, errors over the folds, and intervals."""
+        """Returns inputs, errors over the folds and intervals in words, for the model card and after a training."""
         numbers = f"{count_of(len(self.features), 'number')} a frame"
         inputs = f"{numbers}: {', '.join(self.features)}."
         training: list[str] = []

@@ -72,9 +72,6 @@ def gather_rows(
         report: called with the share that is done.
         shared: detection of all sessions, for a detector that is not resolved session by session.
 
-    Returns:
-        The rows of the samples, with the reasons for those left out.
-
     Raises:
         InputError: a sample has no force.
     """

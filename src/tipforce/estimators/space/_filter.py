@@ -152,7 +152,7 @@ class SpaceFilter:
         self._shapes = rod_of(info, settings.segments)
         diameter = info.catheter.diameter_m or 0.0
         stiffness = self._shapes.rod.bending_stiffness_nm2
-        self._lever_per_m_n = settings.prior.friction * 0.5 * diameter / stiffness
+        self._lever_per_m_n = settings.prior.friction * 0.5 * diameter / stiffness  # moment over EI is a curvature
         self._level = NoiseLevel(settings.noise, settings.level_s)
         self._pose_prior = PosePrior.of(info, settings.views)
         self._pose_is_wrong = False
@@ -162,7 +162,7 @@ class SpaceFilter:
         self._share = contact_share
         self._waited_s, self._lost_s, self._excluded_s = math.inf, 0.0, 0.0
         self._lines, self._begun_with = LineMemory(), 0
-        self._last: dict[str, tuple[FloatArray, FloatArray]] = {}
+        self._last: dict[str, tuple[FloatArray, FloatArray]] = {}  # last fit without ("free") and with force ("touch")
 
     def step(self, seen: Mapping[str, ViewShape], knob_deg: float, elapsed_s: float, advance_m: float) -> SpaceResult:
         """Returns the force at one instant, and learns from it.

@@ -116,15 +116,12 @@ def _same_points(first: ShownLine, second: ShownLine) -> bool:
 
 
 def whitened_with_motion(whiten: FloatArray, slopes: FloatArray, std_n: float) -> FloatArray:
-    """Returns the whitening matrix of residuals whose noise also contains the motion by an unknown change of the force.
+    """Returns the whitening matrix (rows, rows) of residuals whose noise contains the motion by a change of the force.
 
     Args:
         whiten: (rows, rows) makes the noise without motion white; zero rows of hidden points stay zero.
         slopes: (rows, 3) derivatives of the residuals by the force.
         std_n: standard deviation of each component of the change.
-
-    Returns:
-        (rows, rows).
     """
     motion = whiten @ slopes * std_n
     return np.asarray(np.linalg.solve(np.linalg.cholesky(np.eye(len(whiten)) + motion @ motion.T), whiten), np.float64)

@@ -166,9 +166,6 @@ def linearise(
         quaternions: (count, elements, 4) starts of the shapes; then the shapes.
         parents: see `SpatialShapes.solve`.
         contact: whether the force is an unknown with a flat prior.
-
-    Returns:
-        The normal equations.
     """
     count, size = q.shape
     parameters = _parameters(problem, q)

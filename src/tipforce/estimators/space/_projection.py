@@ -17,7 +17,7 @@ _LEAST_ADVANCE = 0.2
 
 @compiled
 def _project(camera: FloatArray, x: float, y: float, z: float, slope: FloatArray) -> tuple[float, float]:
-    """Returns u and v in px of a point in m, and writes their derivatives (2, 3)."""
+    """Returns u and v, px, of a point in m by the projection (3, 4), and writes their derivatives (2, 3) by x, y, z."""
     w = camera[2, 0] * x + camera[2, 1] * y + camera[2, 2] * z + camera[2, 3]
     u = (camera[0, 0] * x + camera[0, 1] * y + camera[0, 2] * z + camera[0, 3]) / w
     v = (camera[1, 0] * x + camera[1, 1] * y + camera[1, 2] * z + camera[1, 3]) / w

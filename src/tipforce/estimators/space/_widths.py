@@ -97,5 +97,5 @@ def calibrated_widths(found: Sequence[ForceEstimate], dataset: Dataset) -> Space
     for k in range(4):
         if k == 3 or dataset.known[k]:
             width = conformal_half_width(errors_over_reach(value[:, k], interval[:, k], true[:, k]), session, basis)
-            factors[k] = width if math.isfinite(width) else 1.0  # infinite: too few sessions for 90 %
+            factors[k] = width if math.isfinite(width) else 1.0  # infinite: too few samples for 90 %
     return SpaceWidths(tuple(factors), basis.text)

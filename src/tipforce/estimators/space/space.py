@@ -68,12 +68,10 @@ class SpaceFacts(ModelFacts, frozen=True):
     def summary(self) -> ModelSummary:
         """Returns the facts in words."""
         line = f"90 % intervals rest on {self.interval_basis}"
-        return ModelSummary(
-            "The detected centrelines of one view or two, the knob, and the catheter's stated stiffness and length.",
-            "centrelines and knob",
-            (f"{line}.",),
-            (line,),
+        inputs = (
+            "The detected centrelines of one view or two, the knob, and the catheter's stated stiffness and length."
         )
+        return ModelSummary(inputs, "centrelines and knob", (f"{line}.",), (line,))
 
 
 class SpaceStream:

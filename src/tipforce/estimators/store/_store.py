@@ -46,7 +46,7 @@ def save_model(
     calibration: Dataset | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Writes a fitted method as a model folder, whole or not at all.
+    """Writes a fitted method as a model folder, whole or not at all; returns the folder.
 
     Args:
         estimator: the fitted method.
@@ -55,9 +55,6 @@ def save_model(
         metrics: figures to keep with it, JSON values.
         calibration: the separate sessions of its intervals, for the manifest.
         overwrite: whether an existing model is replaced; other folders never are.
-
-    Returns:
-        The folder.
 
     Raises:
         InputError: ``folder`` exists and may not be replaced.

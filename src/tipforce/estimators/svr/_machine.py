@@ -92,9 +92,6 @@ class Machines:
             targets: number t of forces.
             parity_n: largest deviation from scikit-learn in newtons.
 
-        Returns:
-            The machines.
-
         Raises:
             KeyError: an array is missing.
             ValueError: an array has a wrong shape or value.
@@ -157,29 +154,23 @@ def evaluate(
 
 
 def squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Returns the squared distances of all pairs of rows.
+    """Returns the squared distances (n, m) of all pairs of rows.
 
     Args:
         a: (n, k) scaled features.
         b: (m, k) scaled features.
-
-    Returns:
-        (n, m).
     """
     square = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2.0 * (a @ b.T)
     return np.maximum(square, 0.0)
 
 
 def gram(distances: FloatArray, products: FloatArray | None, sigma: float) -> FloatArray:
-    """Computes the kernel matrix: thesis eq. (15), plus the linear part where there is one.
+    """Returns the kernel matrix (n, m): thesis eq. (15), plus the linear part where there is one.
 
     Args:
         distances: (n, m) squared distances.
         products: (n, m) weighted products of the features; None: no linear part.
         sigma: width of the kernel.
-
-    Returns:
-        (n, m).
     """
     kernel = np.exp(distances * (-1.0 / sigma**2))
     return kernel if products is None else kernel + products

@@ -92,7 +92,11 @@ class Svr(ShapeRegressor):
         return model.machines
 
     def model_state(self, model: SvrModel) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """See `ShapeRegressor`. Raises ModelError where estimates differ from scikit-learn's by `PARITY_N` or more."""
+        """Returns constants and parity as JSON values, and the machines' arrays; see `ShapeRegressor`.
+
+        Raises:
+            ModelError: the estimates differ from scikit-learn's by `PARITY_N` or more.
+        """
         parity_n = model.machines.parity_n
         if not parity_n < PARITY_N:
             raise ModelError(

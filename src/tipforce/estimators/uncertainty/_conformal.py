@@ -92,9 +92,6 @@ class Interval:
             values: the JSON values.
             known: (3,) which components the method estimates.
 
-        Returns:
-            The intervals.
-
         Raises:
             KeyError, TypeError, ValueError: the values are no such intervals.
         """

@@ -48,14 +48,11 @@ class LastLayerLaplace:
 
 
 def fit_laplace(features: npt.NDArray[Any], initial: LastLayerLaplace | None = None) -> LastLayerLaplace:
-    """Fits the posterior of the last layer.
+    """Returns the posterior of the last layer's weights.
 
     Args:
         features: (n, f) features of training images.
         initial: posterior of the network that this one was fine-tuned from, whose samples count, too.
-
-    Returns:
-        The posterior.
     """
     features = features.astype(np.float64)
     # in units of one sample's precision, which the predicted variance of the output scales
