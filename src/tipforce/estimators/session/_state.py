@@ -35,7 +35,7 @@ class SessionState:
     """
 
     def __init__(self, settings: RodSettings, knowledge: Knowledge, info: SessionInfo, knob_deg: float) -> None:
-        # every unknown begins with variance 1, which is right for amplitudes of errors and the lever
+        """Sets the Gaussian before the first line; amplitudes of errors and the lever have variance 1."""
         prior, actuation = settings.prior, info.actuation
         gain = actuation.knob_gain_per_m_deg
         has_knob = gain is not None and not math.isnan(knob_deg)

@@ -113,6 +113,7 @@ def angles_of_polynomial(coefficients: FloatArray, features: ShapeFeatureSetting
         )
     if angles.length is None:
         raise InputError("an angle series of ready-made polynomials needs the setting angles.length, in their unit")
+    # a fine curve over x, which reaches the length at the latest at x = length; then points uniform in arc length
     x = np.linspace(0.0, angles.length, 4 * _CURVE_POINTS)
     y = np.polyval(coefficients if features.constant else np.append(coefficients, 0.0), x)
     arc = arc_length(np.column_stack([x, y]))

@@ -56,6 +56,7 @@ class Constants:
         several: bool,
         open_pose: bool = False,
     ) -> None:
+        """Sets the Gaussian before the first instant: stated uncertainties count more than those of the settings."""
         prior, actuation = settings.prior, info.actuation
         self._settings = settings
         gain = actuation.knob_gain_per_m_deg

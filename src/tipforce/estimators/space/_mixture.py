@@ -64,7 +64,8 @@ def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
     """
     free = FORCE - nodes.held
     covariance = nodes.basis.T @ nodes.covariance[:, :FORCE, :FORCE] @ nodes.basis
-    root = np.linalg.cholesky(covariance[:, :free, :free] + 1e-14 * np.eye(free))
+    root = np.linalg.cholesky(covariance[:, :free, :free] + 1e-14 * np.eye(free))  # 1e-14 N^2: rounding
+    # the Gauss-Hermite points of a standard normal distribution in these directions, and their shares
     unit = np.array(list(product(_ROOTS, repeat=free)))
     share = np.prod(np.array(list(product(_SHARES, repeat=free))), axis=1)
     offsets = np.einsum("pij,sj->psi", root, unit) @ nodes.basis[:, :free].T

@@ -152,13 +152,59 @@ def force_slopes(problem: Problem, view: Measurement, q: FloatArray, quaternions
     return slopes[0, :, :FORCE]
 
 
+def _view_residuals(
+    problem: Problem, view: Measurement, q: FloatArray, rod: PlacedRod, nodes: FloatArray, node_slopes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns the residuals of one view, px, and their derivatives by all unknowns.
+
+    The derivatives by the rod's shape and base come from `residuals`; those by knob, lever, pose and errors of the view
+    follow by the chain rule.
+
+    Args:
+        problem: lines and prior.
+        view: the line.
+        q: (count, unknowns) points of the unknowns.
+        rod: pose of the base.
+        nodes: (count, nodes, 3) nodes of the rod in the base frame, m.
+        node_slopes: (count, nodes, 3, 9) their derivatives by the parameters of the shape.
+
+    Returns:
+        (count, points + 1) and (count, points + 1, unknowns).
+    """
+    (count, size), rows = q.shape, len(view.line.points) + 1
+    placed, pose_slopes = (rod, None) if view.pose is None else view.pose.seen(q[:, -POSE_ERRORS:], rod)
+    residual, shape_slopes = np.empty((count, rows)), np.empty((count, rows, TURN + placed.turn_slopes.shape[1]))
+    residuals(
+        nodes, node_slopes, placed.position, placed.turn, placed.turn_slopes, view.camera, view.line.points,
+        view.line.normals, residual, shape_slopes,
+    )  # fmt: skip
+    slopes = np.zeros((count, rows, size))
+    if pose_slopes is not None:  # an error of the pose moves the rod in front of the view, and turns it
+        by_position = shape_slopes[:, :, POSITION:TURN] @ pose_slopes.transpose(0, 2, 1)
+        slopes[:, :, -POSE_ERRORS:] = by_position[:, :, :POSE_ERRORS]
+        slopes[:, :, -POSE_ERRORS : size - 3] += shape_slopes[:, :, RATES:]
+        shape_slopes = np.concatenate(
+            [shape_slopes[:, :, :POSITION], by_position[:, :, POSE_ERRORS:], shape_slopes[:, :, TURN:RATES]], axis=2
+        )
+    slopes[:, :, :RATES] = shape_slopes
+    slopes[:, :, GAIN] = problem.gain_per_m_deg * problem.knob_deg * shape_slopes[:, :, BEND_Z]
+    force_n, lever = np.linalg.norm(q[:, :FORCE], axis=1), problem.lever_per_m_n
+    direction = q[:, :FORCE] / np.maximum(force_n, 1e-9)[:, None]
+    for k, bend in enumerate((BEND_Y, BEND_Z)):  # the lever acts as a curvature, which grows with the force
+        slopes[:, :, LEVER + k] = lever * force_n[:, None] * shape_slopes[:, :, bend]
+        per_n = lever * q[:, LEVER + k, None] * shape_slopes[:, :, bend]
+        slopes[:, :, :FORCE] += per_n[:, :, None] * direction[:, None, :]
+    view_errors = errors_of_view(view.place)
+    slopes[:, :, view_errors] = view.error_slopes
+    return residual + q[:, view_errors] @ view.error_slopes.T, slopes
+
+
 def linearise(
     problem: Problem, q: FloatArray, quaternions: FloatArray, parents: IntArray | None = None, *, contact: bool = True
 ) -> Linear:
     """Computes cost and normal equations (Gauss-Newton) of prior and lines at several points of the unknowns.
 
-    The slopes of the residuals by the rod's shape and base come from `residuals`; those by knob, lever, pose and errors
-    of a view follow by the chain rule. Huber's loss limits outliers.
+    Huber's loss limits outliers of the lines.
 
     Args:
         problem: lines and prior.
@@ -167,11 +213,8 @@ def linearise(
         parents: see `SpatialShapes.solve`.
         contact: whether the force is an unknown with a flat prior.
     """
-    count, size = q.shape
+    count = len(q)
     parameters = _parameters(problem, q)
-    force_n = np.linalg.norm(q[:, :FORCE], axis=1)
-    lever = problem.lever_per_m_n
-    knob_curvature_per_m = problem.gain_per_m_deg * problem.knob_deg
     possible = problem.shapes.is_possible(parameters)
     # all points are solved together: an impossible one takes other parameters here, and an infinite cost below
     parameters[~possible] = parameters[possible][0] if possible.any() else 0.0
@@ -183,32 +226,9 @@ def linearise(
     side = -from_mean @ problem.information
     cost = -0.5 * np.einsum("pk,pk->p", side, from_mean)
     chi2 = np.zeros(count)
-    direction = q[:, :FORCE] / np.maximum(force_n, 1e-9)[:, None]
     for view in problem.measurements:
-        rows = len(view.line.points) + 1
-        shown, pose_slopes = (rod, None) if view.pose is None else view.pose.seen(q[:, -POSE_ERRORS:], rod)
-        residual, shape_slopes = np.empty((count, rows)), np.empty((count, rows, TURN + shown.turn_slopes.shape[1]))
-        residuals(
-            nodes, node_slopes, shown.position, shown.turn, shown.turn_slopes, view.camera, view.line.points,
-            view.line.normals, residual, shape_slopes,
-        )  # fmt: skip
-        slopes = np.zeros((count, rows, size))
-        if pose_slopes is not None:  # an error of the pose moves the rod in front of the view, and turns it
-            by_position = shape_slopes[:, :, POSITION:TURN] @ pose_slopes.transpose(0, 2, 1)
-            slopes[:, :, -POSE_ERRORS:] = by_position[:, :, :POSE_ERRORS]
-            slopes[:, :, -POSE_ERRORS : size - 3] += shape_slopes[:, :, RATES:]
-            shape_slopes = np.concatenate(
-                [shape_slopes[:, :, :POSITION], by_position[:, :, POSE_ERRORS:], shape_slopes[:, :, TURN:RATES]], axis=2
-            )
-        slopes[:, :, :RATES] = shape_slopes
-        slopes[:, :, GAIN] = knob_curvature_per_m * shape_slopes[:, :, BEND_Z]
-        for k, bend in enumerate((BEND_Y, BEND_Z)):  # the lever acts as a curvature, which grows with the force
-            slopes[:, :, LEVER + k] = lever * force_n[:, None] * shape_slopes[:, :, bend]
-            per_n = lever * q[:, LEVER + k, None] * shape_slopes[:, :, bend]
-            slopes[:, :, :FORCE] += per_n[:, :, None] * direction[:, None, :]
-        view_errors = errors_of_view(view.place)
-        slopes[:, :, view_errors] = view.error_slopes
-        white = (residual + q[:, view_errors] @ view.error_slopes.T) @ view.whiten.T
+        residual, slopes = _view_residuals(problem, view, q, rod, nodes, node_slopes)
+        white = residual @ view.whiten.T
         magnitude = np.abs(white)
         within = magnitude <= problem.huber
         cost += np.where(within, 0.5 * white**2, problem.huber * (magnitude - 0.5 * problem.huber)).sum(axis=1)

@@ -59,6 +59,7 @@ class ForceStrata:
     _rows: tuple[tuple[float, ...], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Checks the arrays, and keeps rows for `interval`: edges of a stratum, ends by force, ends by estimate."""
         count = len(self.edges_n) - 1
         for name, ends in (("by_force", self.by_force), ("by_estimate", self.by_estimate)):
             if ends.shape != (count, 2) or not (np.isfinite(ends).all() and (ends[:, 0] <= ends[:, 1]).all()):
