@@ -326,9 +326,9 @@ class Compact(NetworkEstimator):
         laplace = fit_laplace(
             training["features"], LastLayerLaplace.of(initial.arrays) if initial is not None and still_holds else None
         )
-        sigma = component_sigma(held_out, laplace, COMPACT_UNIT_N)
+        sigma_n = component_sigma(held_out, laplace, COMPACT_UNIT_N)  # (n, t) standard deviations of held-out estimates
         forces = held_out["force_n"].astype(np.float64)
-        magnitude = np.array([magnitude_sigma(f, np.diag(s * s)) for f, s in zip(forces, sigma, strict=True)])
+        size_sigma_n = np.array([magnitude_sigma(f, np.diag(s * s)) for f, s in zip(forces, sigma_n, strict=True)])
         heatmap_trained = "heatmap_logit" in self.outputs and (
             calibration.samples.heatmap is not None
             or (initial is not None and bool(initial.arrays["min_heatmap_px"] > 0))
@@ -337,14 +337,14 @@ class Compact(NetworkEstimator):
         errors = np.linalg.norm(forces, axis=1) - np.linalg.norm(truth, axis=1)
         limits = fit_abstention_limits(
             held_out,
-            magnitude,
+            size_sigma_n,
             self.settings.abstained,
             heatmap_trained=heatmap_trained,
             ood_trained=augmentation.out_of_distribution > 0,
         )
         if initial is not None and still_holds:
             limits = limits.widened(_limits(initial.arrays))
-        trusted_n = largest_trusted_sigma(magnitude, errors, self.settings.max_error_n)
+        trusted_n = largest_trusted_sigma(size_sigma_n, errors, self.settings.max_error_n)
         limits = replace(limits, max_sigma_n=min(limits.max_sigma_n, trusted_n))
         compensation = rate_compensation_from(
             calibration, None if initial is None else _rate_compensation(initial.arrays)
@@ -357,7 +357,7 @@ class Compact(NetworkEstimator):
             "min_heatmap_px": np.array(limits.min_heatmap_px),
             "max_sigma_n": np.array(limits.max_sigma_n),
             "min_in_distribution_logit": np.array(limits.min_in_distribution_logit),
-            "typical_sigma_n": np.append(np.median(sigma, axis=0), np.median(magnitude)),
+            "typical_sigma_n": np.append(np.median(sigma_n, axis=0), np.median(size_sigma_n)),
             "rate_compensation_s": compensation.seconds,
             "sigma_factor_without_history": np.array(compensation.sigma_factor_without_history),
             "detected_base_side": np.array(self._detected_base_sides).squeeze(),

@@ -150,6 +150,7 @@ class SpaceStream:
         seen, reasons, advance_m = self._read(observation)
         first = self._shape(settings.views[0], stamp)
         begins = self._filter.constants is None
+        # without any line, or at the start without one in the first view, there is nothing to fit
         if not seen or (begins and settings.views[0] in reasons):
             abstention = next(iter(reasons.values()))
             detail = _texts(reasons)
@@ -169,6 +170,7 @@ class SpaceStream:
             if len(seen) > 1 and found.excluded:
                 detail += f" ({_conflict(found, settings.views)})"
             return ForceEstimate.invalid(stamp, unfit.status, detail, first)
+        # a valid estimate states which line is late, or which view is absent
         detail = "; ".join(
             f"{view}: predicted, its last line is {1e3 * age_s:.0f} ms old" for view, age_s in found.late_s.items()
         )

@@ -39,7 +39,7 @@ class Interval:
         sessions: number of sessions of the residuals.
         samples: number of residuals.
         strata: ends of the magnitude's interval by stratum of the force, the widest of which count; empty in models
-            that were saved inherited there were any: then ``magnitude_half_n`` is its half-width at every force.
+            that were saved before there were any: then ``magnitude_half_n`` is its half-width at every force.
     """
 
     half_n: FloatArray
@@ -105,6 +105,7 @@ class Interval:
             raise ValueError(f"the intervals hold {values['coverage']} of the errors, expected {COVERAGE}")
         if half.shape != (3,) or not (np.append(half[known], magnitude) >= 0).all():
             raise ValueError(f"half-widths of intervals must not be negative, got {[*half.tolist(), magnitude]}")
+        # another shape has no variances: -1 is refused below
         used = covariance[np.ix_(known, known)] if covariance.shape == (3, 3) else np.array([[-1.0]])
         measured = int(values["samples"]) > 0
         if measured and not (np.isfinite(used).all() and (np.diag(used) >= 0).all()):
