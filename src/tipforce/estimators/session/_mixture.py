@@ -140,8 +140,8 @@ def _widen_by_profile(
 ) -> None:  # fmt: skip
     """Widens the intervals to all forces that explain the line nearly as well as the best one (profile likelihood).
 
-    Where the shape shows nothing of a force, quantiles of the posterior would follow the prior, which prefers small
-    forces. `_PROFILE` is the allowed difference of the costs. ``low`` and ``high`` (3,) are the ends for fx, fy and the
+    Where the shape shows nothing of a force, the prior alone would decide the quantiles, in favour of no contact.
+    `_PROFILE` is the allowed difference of the costs. ``low`` and ``high`` (3,) are the ends for fx, fy and the
     magnitude, N, changed in place. A force in contact pushes against the tip's axis, the unit vector (``axis_x``,
     ``axis_y``), and is at most ``largest_n``. For ``found``, ``free`` and ``evidence`` see `mixed_force`.
     """

@@ -156,7 +156,8 @@ def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, setting
     limit, towards_rad = settings.largest_log_odds, tip_rad - reading.turn_rad  # the image's angles turn the other way
     # 1 / concentration is a variance: that of the reading, and that between its direction and the force
     strengths = 1.0 / (1.0 / max(reading.strength, _LEAST_STRENGTH) + np.square(settings.direction_errors_rad))
-    # a tissue pushes, so the directions of a force fill half a circle: density there, over an even one (erf: Gaussian)
+    # a tissue pushes: the directions fill half a circle, and heights are densities over an even one there; the erf is
+    # the share of the distribution inside, as of a Gaussian
     heights = 0.5 / i0e(strengths) / np.maximum(0.5, erf(0.5 * math.pi * np.sqrt(0.5 * strengths)))
     return Evidence(
         max(-limit, min(limit, log_odds)), math.cos(towards_rad), math.sin(towards_rad), tissue.direction_shares,

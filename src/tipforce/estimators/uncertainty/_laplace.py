@@ -55,7 +55,7 @@ def fit_laplace(features: npt.NDArray[Any], initial: LastLayerLaplace | None = N
         initial: posterior of the network that this one was fine-tuned from, whose samples count, too.
     """
     features = features.astype(np.float64)
-    # in units of one sample's precision, which the predicted variance of the output scales
+    # in units of the precision of one sample's label
     precision = features.T @ features + PRIOR_PRECISION * np.eye(features.shape[1])
     if initial is not None:
         precision += np.linalg.inv(initial.root_covariance @ initial.root_covariance.T)
