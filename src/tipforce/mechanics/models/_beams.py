@@ -149,40 +149,56 @@ def _shoot(
     at_base: float,
     nodes: FloatArray,
 ) -> tuple[float, float, float, float]:
-    """Integrates from the base moment ``at_base``; returns error of the end moment, its slope, end angle, its slope."""
+    """Integrates the beam from base to tip by Runge-Kutta steps of order 4, for one guess of the base moment.
+
+    The equations are angle' = curvature + m / ei and m' = fx sin(angle) - fy cos(angle). Their derivatives with respect
+    to the base moment (``*_slope``) are integrated beside them, for Newton's method.
+
+    Args:
+        curvature: (2 steps + 1,) curvatures without load in 1/m, at the ends and the middle of each step.
+        length: flexible length in m.
+        lever: length of the rigid tip in m.
+        ei: bending stiffness in N m^2.
+        load: force x and y in N and moment in N m at the tip.
+        at_base: guess of the moment at the base in N m.
+        nodes: (steps + 2, 2) positions in m, written here; the last is the end of the rigid tip.
+
+    Returns:
+        The excess of the moment at the flexible end in N m, its slope, the angle there in rad, its slope.
+    """
     fx, fy, moment = load
     steps = nodes.shape[0] - 2
     h = length / steps
-    angle, m, angle1, m1, x, y = 0.0, at_base, 0.0, 1.0, 0.0, 0.0
+    angle, m, angle_slope, m_slope, x, y = 0.0, at_base, 0.0, 1.0, 0.0, 0.0
     for i in range(steps):
-        sa = sm = sa1 = sm1 = sx = sy = 0.0  # weighted sums of the four slopes
-        da = dm = da1 = dm1 = 0.0
+        sum_angle = sum_m = sum_angle_slope = sum_m_slope = sum_x = sum_y = 0.0  # weighted sums of the four slopes
+        d_angle = d_m = d_angle_slope = d_m_slope = 0.0
         for stage in range(4):
             ahead = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
             weight = 1.0 / 6.0 if stage == 0 or stage == 3 else 1.0 / 3.0
-            k0 = curvature[2 * i + (0 if stage == 0 else (2 if stage == 3 else 1))]
-            a_, m_ = angle + ahead * da, m + ahead * dm
-            a1_, m1_ = angle1 + ahead * da1, m1 + ahead * dm1
-            c, s = math.cos(a_), math.sin(a_)
-            da, dm = k0 + m_ / ei, fx * s - fy * c
-            da1, dm1 = m1_ / ei, (fx * c + fy * s) * a1_
-            sa += weight * da
-            sm += weight * dm
-            sa1 += weight * da1
-            sm1 += weight * dm1
-            sx += weight * c
-            sy += weight * s
-        angle += h * sa
-        m += h * sm
-        angle1 += h * sa1
-        m1 += h * sm1
-        x += h * sx
-        y += h * sy
+            rest_curvature = curvature[2 * i + (0 if stage == 0 else (2 if stage == 3 else 1))]
+            stage_angle, stage_m = angle + ahead * d_angle, m + ahead * d_m
+            stage_angle_slope, stage_m_slope = angle_slope + ahead * d_angle_slope, m_slope + ahead * d_m_slope
+            c, s = math.cos(stage_angle), math.sin(stage_angle)
+            d_angle, d_m = rest_curvature + stage_m / ei, fx * s - fy * c
+            d_angle_slope, d_m_slope = stage_m_slope / ei, (fx * c + fy * s) * stage_angle_slope
+            sum_angle += weight * d_angle
+            sum_m += weight * d_m
+            sum_angle_slope += weight * d_angle_slope
+            sum_m_slope += weight * d_m_slope
+            sum_x += weight * c
+            sum_y += weight * s
+        angle += h * sum_angle
+        m += h * sum_m
+        angle_slope += h * sum_angle_slope
+        m_slope += h * sum_m_slope
+        x += h * sum_x
+        y += h * sum_y
         nodes[i + 1, 0], nodes[i + 1, 1] = x, y
     c, s = math.cos(angle), math.sin(angle)
     nodes[steps + 1, 0], nodes[steps + 1, 1] = x + lever * c, y + lever * s
     miss = m - moment - lever * (c * fy - s * fx)
-    return miss, m1 + lever * (s * fy + c * fx) * angle1, angle, angle1
+    return miss, m_slope + lever * (s * fy + c * fx) * angle_slope, angle, angle_slope
 
 
 @njit(cache=True, error_model="numpy")

@@ -66,18 +66,26 @@ def _shrink(d: float) -> tuple[float, float, float]:
 
 @njit(cache=True, error_model="numpy")
 def _energy(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float) -> float:
-    total, before = -moment * q[-1], 0.0
+    """Returns the potential energy in J of bending, stretch and tip load, at the angles ``q`` (n,) in rad.
+
+    The base has the angle 0. ``fx`` and ``fy`` are the tip force in N, ``moment`` the tip moment in N m.
+    """
+    total, previous_angle = -moment * q[-1], 0.0
     for i in range(q.size):
-        a, k0 = chain.span_m[i], chain.precurvature_per_m[i]
-        k = (q[i] - before) / a
-        density = 0.5 * (k - k0) ** 2 + chain.soft * (k**4 / 4 - k0 * k**3 / 3 + k0**4 / 12)
-        total += a * chain.stiffness_nm2[i] * density
+        span_m, rest_curvature = chain.span_m[i], chain.precurvature_per_m[i]
+        curvature = (q[i] - previous_angle) / span_m
+        density = 0.5 * (curvature - rest_curvature) ** 2 + chain.soft * (
+            curvature**4 / 4 - rest_curvature * curvature**3 / 3 + rest_curvature**4 / 12
+        )
+        total += span_m * chain.stiffness_nm2[i] * density
         pull = fx * math.cos(q[i]) + fy * math.sin(q[i])
         total -= (chain.link_m[i] + 0.5 * chain.give_m_per_n[i] * pull) * pull
         if chain.arc_m[i] > 0.0:
-            middle = 0.5 * (q[i] + before)
-            total -= chain.arc_m[i] * _shrink(q[i] - before)[0] * (fx * math.cos(middle) + fy * math.sin(middle))
-        before = q[i]
+            middle = 0.5 * (q[i] + previous_angle)
+            total -= (
+                chain.arc_m[i] * _shrink(q[i] - previous_angle)[0] * (fx * math.cos(middle) + fy * math.sin(middle))
+            )
+        previous_angle = q[i]
     return total
 
 

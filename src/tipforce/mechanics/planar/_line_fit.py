@@ -85,7 +85,21 @@ def _assemble(
     limit: float,
     work: Work,
 ) -> None:
-    """Computes the posterior information at ``q`` into ``matrix``, minus the gradient of the cost into ``side``."""
+    """Computes the normal equations of a Gauss-Newton step at ``q``: ``work.matrix`` times the step is ``work.side``.
+
+    ``work.matrix`` (n, n) is the posterior information; ``work.side`` (n,) is minus the gradient of the cost.
+    ``work.white`` (rows, n + 1) holds the whitened slopes of the residuals and, in its last column, the whitened
+    residuals; both are multiplied by the root of their Huber weight.
+
+    Args:
+        q: (n,) unknowns.
+        mean: (n,) prior mean of the unknowns.
+        information: (n, n) prior information.
+        whiten: (rows, rows) lower triangular matrix that makes the residuals independent with unit variance.
+        ease: factor on the whitened residuals.
+        limit: size in standard deviations above which a residual counts linearly.
+        work: buffers; ``slopes`` and the last column of ``white`` must be filled.
+    """
     rows, count = work.residual.size, q.size
     for i in range(rows):
         value = abs(work.white[i, count])
@@ -97,21 +111,21 @@ def _assemble(
             for k in range(count):
                 work.white[i, k] += share * work.slopes[j, k]
         work.white[i, count] *= weight
-    for a in range(count):
+    for row in range(count):
         total = 0.0
         for j in range(count):
-            work.matrix[a, j] = information[a, j]
-            total -= information[a, j] * (q[j] - mean[j])
-        work.side[a] = total
+            work.matrix[row, j] = information[row, j]
+            total -= information[row, j] * (q[j] - mean[j])
+        work.side[row] = total
     for i in range(rows):
-        for a in range(count):
-            value = work.white[i, a]
-            work.side[a] += value * work.white[i, count]
-            for b in range(a + 1):
-                work.matrix[a, b] += value * work.white[i, b]
-    for a in range(count):
-        for b in range(a):
-            work.matrix[b, a] = work.matrix[a, b]
+        for row in range(count):
+            value = work.white[i, row]
+            work.side[row] += value * work.white[i, count]
+            for column in range(row + 1):
+                work.matrix[row, column] += value * work.white[i, column]
+    for row in range(count):
+        for column in range(row):
+            work.matrix[column, row] = work.matrix[row, column]
 
 
 @compiled

@@ -247,27 +247,41 @@ def _fill_sides(
     q: FloatArray, rod: Elastic, load: Load, arm: FloatArray, patterns: FloatArray, flexible: float, spare: Spare,
     work: Work,
 ) -> None:  # fmt: skip
-    """Computes ``spare.sides``: -dg/dp of every unknown."""
-    k, sides, here, other = q.shape[0], spare.sides, spare.here, spare.rod
+    """Computes ``spare.sides`` (C, 3k): minus the derivative of the energy's gradient with respect to each parameter.
+
+    The parameters are the force (3) and moment (3), the flexible length, two components of the rest strain, the creep
+    and the stiffness patterns.
+
+    Args:
+        q: (k, 4) orientations of the elements.
+        rod: values of the rod.
+        load: dead loads.
+        arm: (3,) vector in m from the lever's end to the point of the force.
+        patterns: (patterns, k) relative change of the stiffness in each joint.
+        flexible: flexible length in m.
+        spare: buffers; its second rod is overwritten.
+        work: buffers of the solver.
+    """
+    k, sides, here, trial = q.shape[0], spare.sides, spare.here, spare.rod
     force, moment = spare.unit.force, spare.unit.moment
     for r in range(3 * k):
         for c in range(_REST):
             sides[c, r] = 0.0
     for axis in range(3):
-        one, two = (axis + 1) % 3, (axis + 2) % 3
-        force[axis], moment[one], moment[two] = 1.0, arm[two], -arm[one]  # arm x the unit force
+        next_axis, last_axis = (axis + 1) % 3, (axis + 2) % 3
+        force[axis], moment[next_axis], moment[last_axis] = 1.0, arm[last_axis], -arm[next_axis]  # arm x the unit force
         add_pull(q, rod, spare.unit, sides[_FORCE + axis])
-        force[axis], moment[one], moment[two], moment[axis] = 0.0, 0.0, 0.0, 1.0
+        force[axis], moment[next_axis], moment[last_axis], moment[axis] = 0.0, 0.0, 0.0, 1.0
         add_pull(q, rod, spare.unit, sides[_MOMENT + axis])
         moment[axis] = 0.0
 
     # The gradient is not linear in the length: a central difference, with the gradient of the shorter rod in ``here``.
     for sign in range(2):
-        share = 1.0 + (2 * sign - 1) * _LENGTH_STEP_SHARE
+        length_ratio = 1.0 + (2 * sign - 1) * _LENGTH_STEP_SHARE
         for i in range(k):
-            other.span[i] = rod.span[i] * share
-            other.reach[i] = rod.reach[i] * (share if i < k - 1 else 1.0)
-        scaled = Elastic(other.span, rod.ei, rod.gj, rod.rest, rod.soft, other.reach, rod.memory, rod.maxwell,
+            trial.span[i] = rod.span[i] * length_ratio
+            trial.reach[i] = rod.reach[i] * (length_ratio if i < k - 1 else 1.0)
+        scaled = Elastic(trial.span, rod.ei, rod.gj, rod.rest, rod.soft, trial.reach, rod.memory, rod.maxwell,
                          rod.small)  # fmt: skip
         if sign == 0:
             _keep(q, scaled, load, work, here)
@@ -282,20 +296,20 @@ def _fill_sides(
     for axis in range(1, 3):
         for i in range(k):
             for j in range(3):
-                other.rest[i, j] = rod.rest[i, j] + (1.0 if j == axis else 0.0)
-        bent = Elastic(rod.span, rod.ei, rod.gj, other.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
+                trial.rest[i, j] = rod.rest[i, j] + (1.0 if j == axis else 0.0)
+        bent = Elastic(rod.span, rod.ei, rod.gj, trial.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
                        rod.small)  # fmt: skip
         _differ(q, bent, load, here, work, sides[_REST + axis - 1])
     for i in range(k):
         for j in range(3):
-            other.memory[i, j] = 2.0 * rod.memory[i, j]
-    crept = Elastic(rod.span, rod.ei, rod.gj, rod.rest, rod.soft, rod.reach, other.memory, rod.maxwell, rod.small)
+            trial.memory[i, j] = 2.0 * rod.memory[i, j]
+    crept = Elastic(rod.span, rod.ei, rod.gj, rod.rest, rod.soft, rod.reach, trial.memory, rod.maxwell, rod.small)
     _differ(q, crept, load, here, work, sides[_CREEP])
     for p in range(patterns.shape[0]):
         for i in range(k):
-            share = 1.0 + patterns[p, i]
-            other.ei[i], other.gj[i] = share * rod.ei[i], share * rod.gj[i]
-        firm = Elastic(rod.span, other.ei, other.gj, rod.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
+            stiffness_ratio = 1.0 + patterns[p, i]
+            trial.ei[i], trial.gj[i] = stiffness_ratio * rod.ei[i], stiffness_ratio * rod.gj[i]
+        firm = Elastic(rod.span, trial.ei, trial.gj, rod.rest, rod.soft, rod.reach, rod.memory, rod.maxwell,
                        rod.small)  # fmt: skip
         _differ(q, firm, load, here, work, sides[_PATTERNS + p])
 

@@ -360,7 +360,17 @@ def add_pull(q: FloatArray, rod: Elastic, load: Load, out: FloatArray) -> None:
 
 @compiled
 def _add_joints(q: FloatArray, rod: Elastic, gradient: FloatArray, band: FloatArray) -> None:
-    """Computes the elastic part; overwrites ``gradient`` and ``band``."""
+    """Computes gradient and Hessian of the elastic energy of all joints; overwrites ``gradient`` and ``band``.
+
+    Joint i connects elements i - 1 and i; joint 0 connects the fixed base, which has the identity as orientation.
+    phi is the rotation vector across the joint, g the joint's moment in N m, K its derivative with respect to phi.
+
+    Args:
+        q: (k, 4) orientations of the elements.
+        rod: values of the rod.
+        gradient: (3k,) derivatives in N m with respect to turns of each element about its own axes.
+        band: (3k, 6) Hessian in N m: ``band[r, c]`` is the symmetric matrix's entry (r, r + c).
+    """
     w0, x0, y0, z0 = 1.0, 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
@@ -403,6 +413,7 @@ def _add_joints(q: FloatArray, rod: Elastic, gradient: FloatArray, band: FloatAr
         q00, q01, q02 = a00 * k00 + c00, a01 * k11 + a02 * k12 + c01 - 0.5 * g2, a01 * k12 + a02 * k22 + c02 + 0.5 * g1
         q10, q11, q12 = a10 * k00 + c10 + 0.5 * g2, a11 * k11 + a12 * k12 + c11, a11 * k12 + a12 * k22 + c12 - 0.5 * g0
         q20, q21, q22 = a20 * k00 + c20 - 0.5 * g1, a21 * k11 + a22 * k12 + c21 + 0.5 * g0, a21 * k12 + a22 * k22 + c22
+        # P A': element i by itself, of which the symmetric part is kept
         band[r, 0] = q00 * a00 + q01 * a01 + q02 * a02
         band[r, 1] = 0.5 * (q00 * a10 + q01 * a11 + q02 * a12 + q10 * a00 + q11 * a01 + q12 * a02)
         band[r, 2] = 0.5 * (q00 * a20 + q01 * a21 + q02 * a22 + q20 * a00 + q21 * a01 + q22 * a02)
