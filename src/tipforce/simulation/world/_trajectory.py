@@ -60,43 +60,30 @@ def _drives(
     """Makes the drives of clamp, knob, and the stage's two axes; their programme is the session without commands."""
     dt = float(motion_profile.time_s[1] - motion_profile.time_s[0])
     clamp, knob, motion = settings.clamp, settings.knob_drive, settings.motion
-    stage = AxisModel(
-        motion.step_m,
-        motion.max_speed_m_per_s,
-        motion.max_acceleration_m_per_s2,
-        motion.delay_s,
-        motion.lag_s,
-        *motion.travel_m,
+    clamp_axis, stage_axis = (
+        AxisModel(
+            axis.step_m,
+            axis.max_speed_m_per_s,
+            axis.max_acceleration_m_per_s2,
+            axis.delay_s,
+            axis.lag_s,
+            *axis.travel_m,
+        )
+        for axis in (clamp, motion)
+    )
+    knob_axis = AxisModel(
+        knob.step_deg,
+        knob.max_speed_deg_per_s,
+        knob.max_acceleration_deg_per_s2,
+        knob.delay_s,
+        knob.lag_s,
+        *knob.travel_deg,
     )
     return (
-        Drive(
-            AxisModel(
-                clamp.step_m,
-                clamp.max_speed_m_per_s,
-                clamp.max_acceleration_m_per_s2,
-                clamp.delay_s,
-                clamp.lag_s,
-                *clamp.travel_m,
-            ),
-            dt,
-            np.zeros(motion_profile.time_s.size),
-            by_hand=True,
-        ),
-        Drive(
-            AxisModel(
-                knob.step_deg,
-                knob.max_speed_deg_per_s,
-                knob.max_acceleration_deg_per_s2,
-                knob.delay_s,
-                knob.lag_s,
-                *knob.travel_deg,
-            ),
-            dt,
-            motion_profile.knob_deg,
-            by_hand=True,
-        ),
-        Drive(stage, dt, programme_m[:, 0], by_hand=False),
-        Drive(stage, dt, programme_m[:, 1], by_hand=False),
+        Drive(clamp_axis, dt, np.zeros(motion_profile.time_s.size), by_hand=True),
+        Drive(knob_axis, dt, motion_profile.knob_deg, by_hand=True),
+        Drive(stage_axis, dt, programme_m[:, 0], by_hand=False),
+        Drive(stage_axis, dt, programme_m[:, 1], by_hand=False),
     )
 
 
@@ -160,6 +147,7 @@ class TrajectoryIntegrator:
             self._update_acceleration()
 
     def _integrate(self, first: int, end: int) -> None:
+        """Moves the drives at the instants ``first`` to ``end`` (exclusive); solves the rod at every n-th of them."""
         rows, trajectory, bench_model = slice(first, end), self.trajectory, self.bench_model
         _, _, trajectory.advance_m[rows] = self.clamp.run(first, end)
         _, _, trajectory.knob_deg[rows] = self.knob.run(first, end)
@@ -169,6 +157,7 @@ class TrajectoryIntegrator:
             self._transmitted(first, end), self._motion_profile.drift[rows]
         )
         trajectory.wall_m[rows] = bench_model.touch_m + bench_model.directed(trajectory.stage_m[rows])
+        # `solved` begins at the first multiple of `_every`: its rows do not depend on how a session is cut into parts.
         solved = slice(first + -first % self._every, end, self._every)
         curvature = trajectory.curvature_per_m[solved]
         zero = np.zeros(curvature.size)
