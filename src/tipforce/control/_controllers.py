@@ -61,10 +61,10 @@ class Still:
 
 
 class ProportionalIntegral:
-    """PI on the force over the gain, with anti-windup by back-calculation.
+    """PI control of the force error divided by the gain (a position in mm), with anti-windup by back-calculation.
 
-    A plant that is a gain with a dead time ``loop_delay_s`` stays stable with ``integral = 0.35 / delay`` and
-    ``proportional = 0.2``, even if its gain is wrong by a factor of two.
+    With the default factors a plant that is a gain with a dead time of ``loop_delay_s`` stays stable, even if its gain
+    is wrong by a factor of two.
 
     Args:
         loop_delay_s: time from the wall's motion to the clamp's response.
@@ -74,38 +74,39 @@ class ProportionalIntegral:
 
     def __init__(self, loop_delay_s: float, proportional: float = 0.2, integral: float = 0.35) -> None:
         self._proportional, self._integral_per_s = proportional, integral / loop_delay_s
-        self._sum = self._wanted = 0.0
+        self._integral_mm = self._wanted_mm = 0.0
         self._time_s: float | None = None
 
     def begin(self, position_mm: float) -> None:
         """See `Controller`."""
-        self._sum = self._wanted = position_mm
+        self._integral_mm = self._wanted_mm = position_mm
         self._time_s = None
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
-        """See `Controller`."""
-        error_mm = (target_n - sample.force_n) / gain_n_per_mm
+        """Computes the wanted position from the force error of an estimate; see `Controller.add`."""
+        error_mm = (target_n - sample.force_n) / gain_n_per_mm  # travel that would correct the whole error
         dt_s = 0.0 if self._time_s is None else max(0.0, sample.time_s - self._time_s)
         self._time_s = sample.time_s
-        self._sum += self._integral_per_s * error_mm * dt_s
-        self._wanted = self._sum + self._proportional * error_mm
+        self._integral_mm += self._integral_per_s * error_mm * dt_s
+        self._wanted_mm = self._integral_mm + self._proportional * error_mm
 
     def position_mm(self, time_s: float, target_n: float) -> float:
         """See `Controller`."""
         del time_s, target_n
-        return self._wanted
+        return self._wanted_mm
 
     def applied(self, position_mm: float) -> None:
-        """Takes the part that the limits did not allow back from the sum."""
-        lost = position_mm - self._wanted
-        self._sum += lost
-        self._wanted = position_mm
+        """Moves the integral by the difference of sent and wanted position, so that it does not wind up at a limit."""
+        self._integral_mm += position_mm - self._wanted_mm
+        self._wanted_mm = position_mm
 
 
 class Admittance:
     """The catheter gives way to the force like a damped mass: ``m a + b v = target - force``.
 
-    ``b = gain * give_way_s`` and ``m = b * inertia_s``: so it responds to a stiff wall as fast as to a soft one.
+    a and v are its acceleration and speed on the path, m its virtual mass, b its damping. The damping and the mass are
+    in proportion to the gain (``b = gain * give_way_s``, ``m = b * inertia_s``): so the catheter responds to a stiff
+    wall as fast as to a soft one.
 
     Args:
         loop_delay_s: time from the wall's motion to the clamp's response.
@@ -115,31 +116,33 @@ class Admittance:
 
     def __init__(self, loop_delay_s: float, give_way: float = 3.0, inertia: float = 0.5) -> None:
         self._give_way_s, self._inertia_s = give_way * loop_delay_s, inertia * loop_delay_s
-        self._wanted = self._speed = self._push = 0.0
+        self._wanted_mm = self._speed_mm_per_s = self._final_speed_mm_per_s = 0.0
         self._time_s: float | None = None
 
     def begin(self, position_mm: float) -> None:
         """See `Controller`."""
-        self._wanted, self._speed, self._push, self._time_s = position_mm, 0.0, 0.0, None
+        self._wanted_mm, self._speed_mm_per_s, self._final_speed_mm_per_s = position_mm, 0.0, 0.0
+        self._time_s = None
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
-        """See `Controller`."""
-        self._push = (target_n - sample.force_n) / (gain_n_per_mm * self._give_way_s)
+        """Computes the speed that the mass approaches under the force error of an estimate; see `Controller.add`."""
+        self._final_speed_mm_per_s = (target_n - sample.force_n) / (gain_n_per_mm * self._give_way_s)
 
     def position_mm(self, time_s: float, target_n: float) -> float:
-        """See `Controller`; the mass moves on until ``time_s``."""
-        del target_n
+        """Moves the mass until ``time_s`` and returns its position; see `Controller.position_mm`."""
+        del target_n  # `add` has used it
         dt_s = 0.0 if self._time_s is None else max(0.0, time_s - self._time_s)
         self._time_s = time_s
-        self._speed += (self._push - self._speed) * -math.expm1(-dt_s / self._inertia_s)
-        self._wanted += self._speed * dt_s
-        return self._wanted
+        share = -math.expm1(-dt_s / self._inertia_s)  # 1 - exp(-dt / inertia): a first-order lag toward the final speed
+        self._speed_mm_per_s += (self._final_speed_mm_per_s - self._speed_mm_per_s) * share
+        self._wanted_mm += self._speed_mm_per_s * dt_s
+        return self._wanted_mm
 
     def applied(self, position_mm: float) -> None:
         """Sets the speed of the mass to zero where limits stopped it."""
-        if abs(position_mm - self._wanted) > 1e-9:
-            self._speed = 0.0
-        self._wanted = position_mm
+        if abs(position_mm - self._wanted_mm) > 1e-9:
+            self._speed_mm_per_s = 0.0
+        self._wanted_mm = position_mm
 
 
 _DELAY_RANGE_S = (0.0, 0.15)
@@ -169,7 +172,7 @@ class PeriodicRejection:
     def __init__(self, observer: WallObserver, drive_delay_s: float, max_acceleration_mm_per_s2: float) -> None:
         self._observer, self.drive_delay_s = observer, drive_delay_s
         self._acceleration = max_acceleration_mm_per_s2
-        self._power = _MIN_SPEED_MM_PER_S**2
+        self._mean_square_speed = _MIN_SPEED_MM_PER_S**2
         self._time_s: float | None = None
 
     def begin(self, position_mm: float) -> None:
@@ -179,19 +182,24 @@ class PeriodicRejection:
         return target_n / self._observer.gain_n_per_mm - self._observer.wall_mm(time_s)
 
     def _speed_mm_per_s(self, time_s: float) -> float:
-        ahead, behind = (self._observer.wall_mm(time_s + side * _DIFFERENCE_STEP_S) for side in (1.0, -1.0))
-        return (behind - ahead) / (2.0 * _DIFFERENCE_STEP_S)
+        later_mm, earlier_mm = (self._observer.wall_mm(time_s + side * _DIFFERENCE_STEP_S) for side in (1.0, -1.0))
+        return (earlier_mm - later_mm) / (2.0 * _DIFFERENCE_STEP_S)
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
-        """Learns the delay of the drives from the position; the observer has the force. See `Controller.add`."""
-        del gain_n_per_mm
+        """Learns the delay of the drives from the measured position; see `Controller.add`. The observer has the force.
+
+        Drives that are too late by ``d`` are behind the wanted position by ``d * speed``. The delay changes by the
+        running regression of that distance on the speed, with time constant `_DELAY_TIME_S`.
+        """
+        del gain_n_per_mm  # the observer's own gain is used
         dt_s = 0.0 if self._time_s is None else sample.time_s - self._time_s
         self._time_s = sample.time_s
         speed = self._speed_mm_per_s(sample.time_s)
-        behind = self._wanted_mm(sample.time_s, target_n) - sample.position_mm
-        share = -math.expm1(-dt_s / _DELAY_TIME_S)
-        self._power += share * (max(speed * speed, _MIN_SPEED_MM_PER_S**2) - self._power)
-        delay = self.drive_delay_s + share * behind * speed / self._power
+        behind_mm = self._wanted_mm(sample.time_s, target_n) - sample.position_mm
+        share = -math.expm1(-dt_s / _DELAY_TIME_S)  # weight of this sample in an exponential mean
+        # a slow wall does not show the delay: the least speed keeps the quotient small there
+        self._mean_square_speed += share * (max(speed * speed, _MIN_SPEED_MM_PER_S**2) - self._mean_square_speed)
+        delay = self.drive_delay_s + share * behind_mm * speed / self._mean_square_speed
         self.drive_delay_s = min(max(delay, _DELAY_RANGE_S[0]), _DELAY_RANGE_S[1])
 
     def position_mm(self, time_s: float, target_n: float) -> float:
@@ -199,11 +207,16 @@ class PeriodicRejection:
         return target_n / self._observer.gain_n_per_mm - self._observer.mean_mm + self.swing_mm(time_s)
 
     def swing_mm(self, time_s: float) -> float:
-        """Returns the motion about its mean with which the catheter follows heart and breath, as sent at ``time_s``."""
-        at_s = time_s + self.drive_delay_s
-        speed = self._speed_mm_per_s(at_s)
-        lag = speed * abs(speed) / (2.0 * self._acceleration)
-        return self._observer.mean_mm - self._observer.wall_mm(at_s) + lag
+        """Returns the motion about its mean, in mm, with which the catheter follows heart and breath.
+
+        Args:
+            time_s: time at which the command is sent; it takes effect after the delay of the drives.
+        """
+        effect_s = time_s + self.drive_delay_s
+        speed = self._speed_mm_per_s(effect_s)
+        # an axis that can stop at its target is behind a moving one by its braking distance
+        braking_mm = speed * abs(speed) / (2.0 * self._acceleration)
+        return self._observer.mean_mm - self._observer.wall_mm(effect_s) + braking_mm
 
     def applied(self, position_mm: float) -> None:
         """Does nothing: the observer measures the position, so that nothing winds up."""
@@ -215,7 +228,7 @@ def make_controller(
     """Returns a new controller.
 
     Args:
-        name: name of the controller.
+        name: "none", "pi", "admittance" or "periodic".
         settings: delays of the loop and of the drives.
         observer: model of the wall.
         max_acceleration_mm_per_s2: largest acceleration of the drives along the path.

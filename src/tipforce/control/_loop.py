@@ -55,6 +55,10 @@ _CAREFUL_MM_PER_S = 5.0
 and tip meet."""
 _MAX_WITHOUT_CONTACT_S = 4.0
 """After this time without contact the tip approaches the wall again, lightly."""
+_BEAT_MARGIN = 1.2
+"""Factor on the longest period of the heart: a whole beat is then among the forces, although images come late."""
+_DRAW_BACK_RATIO = 5.0
+"""Ratio of the largest speeds away from and toward the wall in contact."""
 _HELD_S = 2.0
 _MAX_HELD_ERROR_SHARE = 0.25
 """The force is held where its root mean square distance from the target over the last `_HELD_S` is at most this share
@@ -152,9 +156,10 @@ class ControlLoop:
         self._begin_run()
 
     def _begin_run(self) -> None:
+        """Sets all that a run learns and remembers to its first values: the wall's model, the controller, histories."""
         # The tip meets the wall at an unknown position on the path: at half its length, with a deviation of that half.
-        half = 0.5 * self.path.length_mm
-        self._observer = WallObserver(self.settings.observer, -half, half)
+        half_mm = 0.5 * self.path.length_mm
+        self._observer = WallObserver(self.settings.observer, -half_mm, half_mm)
         self._controller: Controller = make_controller(
             self.settings.controller, self.settings, self._observer, self.safety.max_acceleration_mm_per_s2
         )
@@ -215,7 +220,7 @@ class ControlLoop:
             self.safety.release()
 
     def update(self, estimate: ForceEstimate, captured_ns: int | None = None) -> None:
-        """Takes an estimate.
+        """Takes an estimate: passes it to the safety layer, and during a run, if it has a force, to the control.
 
         Args:
             estimate: the estimate, valid or not.
@@ -225,28 +230,36 @@ class ControlLoop:
             captured = estimate.stamp_ns if captured_ns is None else captured_ns
             self.safety.observe(estimate, captured)
             self._estimate = estimate
-            now_s, at_s = self._clock.now_ns() * 1e-9, captured * 1e-9
+            captured_s = captured * 1e-9
             if not estimate.valid:
                 self._valid_since_s = None
             elif self._valid_since_s is None:
-                self._valid_since_s = now_s
+                self._valid_since_s = self._clock.now_ns() * 1e-9
             low, high = estimate.magnitude_interval_n if estimate.valid else estimate.abstained_interval_n
             force_n = estimate.magnitude_n if estimate.valid else 0.5 * (low + high)
             if math.isfinite(force_n):
                 sigma_n = float(high - low) / _INTERVAL_SIGMAS if math.isfinite(high - low) else 0.0
-                self._take(Sample(at_s, float(force_n), sigma_n, self._position_at(at_s)), float(high), estimate.valid)
+                sample = Sample(captured_s, float(force_n), sigma_n, self._position_at(captured_s))
+                self._take(sample, float(high), estimate.valid)
 
     def _take(self, sample: Sample, high_n: float, valid: bool) -> None:
-        """Takes a sample; one that is not ``valid`` is the middle of an abstained interval, with its width.
+        """Takes a sample: updates the wall's model and the histories, then acts as the state of the run requires.
 
-        Without such samples the model of the wall would know small forces only, since large ones are often uncertain.
+        Approach ends at the first contact. In contact the loop waits until the wall is known. In hold the controller
+        gets the sample, unless contact was lost.
+
+        Args:
+            sample: force, its standard deviation, and the position of the catheter at the same time.
+            high_n: upper end of the force's interval, N.
+            valid: False: the sample is the middle of an abstained interval, with its width. Without such samples the
+                model of the wall would know small forces only, since large ones are often uncertain.
         """
         if self.state not in (ControlState.APPROACH, ControlState.CONTACT, ControlState.HOLD):
             return
         self._observer.add(sample)
-        span_s = _AVERAGED_BREATHS / self.settings.observer.respiration_hz
+        averaged_s = _AVERAGED_BREATHS / self.settings.observer.respiration_hz
         self._forces.append((sample.time_s, sample.force_n))
-        while self._forces[0][0] < sample.time_s - span_s:
+        while self._forces[0][0] < sample.time_s - averaged_s:
             self._forces.popleft()
         # of an abstained interval the end that is farther from the target counts: its middle is not an estimate
         half_width_n = 0.0 if valid else 0.5 * _INTERVAL_SIGMAS * sample.sigma_n
@@ -280,22 +293,27 @@ class ControlLoop:
         return now_s - self._touched_s > _MAX_WITHOUT_CONTACT_S
 
     def _touch(self, sample: Sample) -> None:
-        """Waits in contact until the model of the wall is good enough for the controller."""
-        settings, within = self.settings, sample.time_s - self._contact_s
+        """Waits in contact until the model of the wall is good enough for the controller; then the hold begins.
+
+        Controller "periodic" waits until the heart rate or the wall is known, "none" until the mean force is at the
+        target, and the others do not wait: they follow the force, not the wall's model.
+        """
+        settings, in_contact_s = self.settings, sample.time_s - self._contact_s
         if settings.controller == "none":
-            ready = within >= settings.settle_s
+            ready = in_contact_s >= settings.settle_s
         elif settings.controller == "periodic":
-            if within >= settings.learn_s:
+            if in_contact_s >= settings.learn_s:
                 # The share that is followed rises as the error of the next beat falls below the depth of a light touch.
-                spread = self._observer.spread_mm() * self._observer.gain_n_per_mm / settings.touch_n
-                self._follow = 1.0 / (1.0 + spread * spread)
-            resolved = within >= settings.learn_s and self._observer.rate_range_hz <= _MAX_RATE_RANGE_HZ
-            ready = resolved or self._follow >= _MIN_FOLLOWED_SHARE or within >= settings.learn_at_most_s
+                relative_error = self._observer.spread_mm() * self._observer.gain_n_per_mm / settings.touch_n
+                self._follow = 1.0 / (1.0 + relative_error * relative_error)
+            resolved = in_contact_s >= settings.learn_s and self._observer.rate_range_hz <= _MAX_RATE_RANGE_HZ
+            ready = resolved or self._follow >= _MIN_FOLLOWED_SHARE or in_contact_s >= settings.learn_at_most_s
         else:
             ready = True
         if ready:
             self._controller.begin(self._wanted_mm)
             self._touched_s, self._slack_mm = sample.time_s, 0.0
+            # begins with half of a light touch; `_raise_target` raises it from there
             self._target_n = min(0.5 * settings.touch_n, settings.target_n)
             self._go(ControlState.HOLD, "the wall's motion is known well enough")
 
@@ -306,7 +324,7 @@ class ControlLoop:
 
     @property
     def held(self) -> bool:
-        """Whether the force has been at the target for the last seconds, by the estimates."""
+        """Whether the estimated force was near the target in the last `_HELD_S` seconds, by the RMS of its distance."""
         with self._lock:
             if self.state is not ControlState.HOLD or self._estimate is None or not self._estimate.valid:
                 return False
@@ -330,7 +348,10 @@ class ControlLoop:
             return f"not held yet: brought to {target}, {_force_text(self._target_n)} is wanted now"
 
     def tick(self) -> ControlTick:
-        """Commands the drives once, and returns the state of the loop."""
+        """Commands the drives once, every ``settings.period_s``, and returns the state of the loop.
+
+        A retraction of the safety layer during a run ends it; `start` may repeat it, ``settings.restarts`` times.
+        """
         with self._lock:
             now_s = self._clock.now_ns() * 1e-9
             position = self.safety.measured_mm()
@@ -345,24 +366,34 @@ class ControlLoop:
                 self._again = self.restarts < self.settings.restarts
                 self._go(ControlState.RETRACT, reason)
             applied = self._drive(now_s, dt_s, position)
-            found = self._estimate
-            low, high = (math.nan, math.nan) if found is None else found.magnitude_interval_n.tolist()
+            estimate = self._estimate
+            low, high = (math.nan, math.nan) if estimate is None else estimate.magnitude_interval_n.tolist()
             return ControlTick(
-                now_s,
-                self.state,
-                self._target_n if self.state is ControlState.HOLD else 0.0,
-                math.nan if found is None else found.magnitude_n,
-                low,
-                high,
-                math.nan if found is None else found.upper_n,
-                found is not None and found.valid,
-                position,
-                applied,
-                self._observer.gain_n_per_mm,
-                self._observer.heart_hz,
+                time_s=now_s,
+                state=self.state,
+                target_n=self._target_n if self.state is ControlState.HOLD else 0.0,
+                force_n=math.nan if estimate is None else estimate.magnitude_n,
+                low_n=low,
+                high_n=high,
+                upper_n=math.nan if estimate is None else estimate.upper_n,
+                valid=estimate is not None and estimate.valid,
+                position_mm=position,
+                applied=applied,
+                gain_n_per_mm=self._observer.gain_n_per_mm,
+                heart_hz=self._observer.heart_hz,
             )
 
     def _drive(self, now_s: float, dt_s: float, position: float) -> Applied:
+        """Moves the wanted position as the state of the run requires, and sends it through the safety layer.
+
+        Args:
+            now_s: time of this tick.
+            dt_s: time since the last tick.
+            position: measured position on the path, mm.
+
+        Returns:
+            The command that was sent: limits may have changed the wanted position.
+        """
         settings = self.settings
         match self.state:
             case ControlState.IDLE:
@@ -378,12 +409,13 @@ class ControlLoop:
                     self._again = False
                     self._go(ControlState.RETRACT, "the goal was reached without contact")
             case ControlState.CONTACT:
+                # a light touch, with the share of the wall's motion that is known already
                 self._touch_mm += self._touch_speed() * dt_s
                 self._wanted_mm = self._touch_mm + self._follow * self._swing_mm(now_s)
                 speed = None
             case ControlState.HOLD:
                 self._raise_target(dt_s)
-                farthest_mm = self._wanted_mm + self._nearing_mm_per_s() * dt_s
+                farthest_mm = self._wanted_mm + self._nearing_mm_per_s() * dt_s  # limits the speed toward the wall
                 self._wanted_mm = self._controller.position_mm(now_s, self._target_n) + self._dither_mm(now_s)
                 self._wanted_mm = min(self._wanted_mm, farthest_mm)
                 speed = None
@@ -392,9 +424,11 @@ class ControlLoop:
                 if abs(position) < _START_TOLERANCE_MM:
                     self._arrive()
         if self.state is ControlState.HOLD and settings.controller == "periodic":
+            # keeps away from each plausible wall; while forces are small the slack lets the tip come nearer
             self._slack_mm = max(0.0, self._slack_mm + self._touch_speed() * dt_s)
             self._wanted_mm -= max(0.0, self._excess_mm(now_s) - self._slack_mm)
         applied = self.safety.command(self._wanted_mm, speed)
+        # controller and touch continue from the position that the limits allowed
         if self.state is ControlState.HOLD:
             self._controller.applied(applied.position_mm - self._dither_mm(now_s))
         elif self.state is ControlState.CONTACT and applied.action is not SafetyAction.PASS:
@@ -410,17 +444,21 @@ class ControlLoop:
             self._go(ControlState.IDLE, self.reason)
 
     def _touch_speed(self) -> float:
-        """Returns the speed in contact in mm/s, toward the largest force of a beat, or with ``none`` the mean force."""
+        """Returns the speed toward the wall, in mm/s, that brings the force of the last beat to its wanted value.
+
+        With controller "none" the mean force over a breath is brought to the target; with the others the largest force
+        of the last beat is brought to a light touch. Negative: away from the wall.
+        """
         settings = self.settings
-        if self.settings.controller == "none":
-            mean = sum(force for _, force in self._forces) / len(self._forces)
-            error = (settings.target_n - mean) / settings.target_n
-            return settings.touch_mm_per_s * max(-1.0, min(1.0, 2.0 * error))
-        newest = self._forces[-1][0]
-        beat_s = 1.2 / settings.observer.heart_hz[0]
-        largest = max(force for time_s, force in self._forces if time_s >= newest - beat_s)
-        error = (settings.touch_n - largest) / settings.touch_n
-        return settings.touch_mm_per_s * max(-5.0, min(1.0, error))
+        if settings.controller == "none":
+            mean_n = sum(force for _, force in self._forces) / len(self._forces)
+            error = (settings.target_n - mean_n) / settings.target_n
+            return settings.touch_mm_per_s * max(-1.0, min(1.0, 2.0 * error))  # full speed from an error of 50 %
+        newest_s = self._forces[-1][0]
+        beat_s = _BEAT_MARGIN / settings.observer.heart_hz[0]  # longest beat
+        largest_n = max(force for time_s, force in self._forces if time_s >= newest_s - beat_s)
+        error = (settings.touch_n - largest_n) / settings.touch_n
+        return settings.touch_mm_per_s * max(-_DRAW_BACK_RATIO, min(1.0, error))
 
     def _swing_mm(self, now_s: float) -> float:
         return self._controller.swing_mm(now_s) if isinstance(self._controller, PeriodicRejection) else 0.0
@@ -432,42 +470,54 @@ class ControlLoop:
             return fastest
         if self._observer.rate_range_hz > _MAX_RATE_RANGE_HZ:
             return min(_CAREFUL_MM_PER_S, fastest)
+        # full speed for residuals up to the small error, then linearly down to the careful speed at the large one
         speed_share = (_LARGE_ERROR_N - self._observer.max_residual_n) / (_LARGE_ERROR_N - _SMALL_ERROR_N)
         return max(min(_CAREFUL_MM_PER_S, fastest), fastest * min(1.0, speed_share))
 
     def _excess_mm(self, now_s: float) -> float:
         """Returns by how much the wanted position is too deep for a plausible wall, now or soon, in mm.
 
-        The drives need time to move away from a wall that comes nearer.
+        The wall is predicted for the next 0.3 s (half a beat): the drives need time to move away from a wall that
+        comes nearer. 0 where even the full speed back keeps every predicted force below the limit over the reserve.
         """
         settings = self.settings
+        # position now, and later if the drives moved back at full speed from now on
         positions_mm = self._wanted_mm - self.safety.max_speed_mm_per_s * _AHEAD_S
         times_s = now_s + settings.drive_delay_s + _AHEAD_S
         return self._observer.excess_mm(times_s, positions_mm, self.safety.limit_n / settings.reserve, _WALL_SIGMAS)
 
     def _raise_target(self, dt_s: float) -> None:
-        """Moves the wanted force toward the target, as far as excess and upper end of the force fit below the limit."""
+        """Moves the wanted force toward the target, as far as excess and upper end of the force fit below the limit.
+
+        Three bounds of the wanted force come from the samples of the last `_EXCESS_S` seconds: the largest excess times
+        the reserve, and the highest upper end, must fit below the limit; and contact must not be lost repeatedly. The
+        wanted force rises by at most ``settings.ramp_n_per_s * dt_s`` and falls five times as fast.
+        """
         settings = self.settings
-        largest = max((each.excess_n for each in self._recent), default=0.0)
-        room = self.safety.limit_n - settings.reserve * max(largest, 0.0)
+        largest_n = max((reach.excess_n for reach in self._recent), default=0.0)
+        bound_n = self.safety.limit_n - settings.reserve * max(largest_n, 0.0)
         if self._recent:
             # an upper end above the limit would draw the catheter back, and contact would be lost
-            top = max(self._recent, key=lambda each: each.high_n)
-            share_n = self.safety.limit_n * top.force_n / (_UPPER_RESERVE * max(top.high_n, 1e-9))
-            room = min(room, share_n - top.excess_n)
+            highest = max(self._recent, key=lambda reach: reach.high_n)
+            force_n = self.safety.limit_n * highest.force_n / (_UPPER_RESERVE * max(highest.high_n, 1e-9))
+            bound_n = min(bound_n, force_n - highest.excess_n)
             # repeated loss of contact shows that the motion of the wall is not known yet
-            touching = sum(each.excess_n > settings.contact_n - self._target_n for each in self._recent)
+            touching = sum(reach.excess_n > settings.contact_n - self._target_n for reach in self._recent)
             share = (touching / len(self._recent) - _LOST_SHARE) / (_KEPT_SHARE - _LOST_SHARE)
-            room = min(room, settings.target_n * share)
-        goal = min(settings.target_n, self.safety.limit_n, max(room, _MIN_TARGET_SHARE * settings.target_n))
-        rise = settings.ramp_n_per_s * dt_s
-        self._target_n += min(max(goal - self._target_n, -_FALL_RATIO * rise), rise)
+            bound_n = min(bound_n, settings.target_n * share)
+        goal_n = min(settings.target_n, self.safety.limit_n, max(bound_n, _MIN_TARGET_SHARE * settings.target_n))
+        rise_n = settings.ramp_n_per_s * dt_s
+        self._target_n += min(max(goal_n - self._target_n, -_FALL_RATIO * rise_n), rise_n)
 
     def _dither_mm(self, now_s: float) -> float:
+        """Returns the small sine motion from which the observer learns the gain, in mm; 0 for other controllers.
+
+        Its rate is between the harmonics of the heart, so that heart and test motion do not mix.
+        """
         if not isinstance(self._controller, PeriodicRejection):
             return 0.0
-        size = self.settings.dither_n / self._observer.gain_n_per_mm
-        return size * math.sin(2.0 * math.pi * _DITHER_RATE_RATIO * self._observer.heart_hz * now_s)
+        amplitude_mm = self.settings.dither_n / self._observer.gain_n_per_mm
+        return amplitude_mm * math.sin(2.0 * math.pi * _DITHER_RATE_RATIO * self._observer.heart_hz * now_s)
 
     def _position_at(self, time_s: float) -> float:
         """Returns the position of the catheter at ``time_s``, interpolated between the readings of the drives."""

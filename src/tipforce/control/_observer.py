@@ -65,32 +65,29 @@ class WallObserver:
         size = _HEART + 2 * harmonics + 2
         self._rate_column, self._gain_column = size - 2, size - 1
         """Columns of the state: the heart's rate, and the logarithm of the gain."""
+        self._harmonics = np.arange(1, harmonics + 1)
+        """(H,) numbers of the harmonics: 1, 2, ..."""
+        # the state (rates, s) before the first estimate: each row has its own heart rate, and no motion
         self._state = np.zeros((count, size))
         """(rates, s) state of each rate that is tried."""
         self._state[:, 0] = wall_mm
         low, high = settings.heart_hz
         self._state[:, self._rate_column] = _TWO_PI * np.linspace(low, high, count)
         self._state[:, self._gain_column] = math.log(settings.gain_n_per_mm)
-        numbers = np.arange(1, harmonics + 1)
-        amplitude = np.repeat(settings.wall_mm / numbers**2, 2) / math.sqrt(2.0)
-        breath = np.full(2, settings.breath_mm / math.sqrt(2.0))
-        spacing = _TWO_PI * (high - low) / (count - 1) / 3.0
-        sigma = np.concatenate([[wall_sigma_mm], breath, amplitude, [spacing, math.log(settings.gain_factor)]])
+        # its covariance; an amplitude has two components, each with half of the variance
+        heart_sigma = np.repeat(settings.wall_mm / self._harmonics**2, 2) / math.sqrt(2.0)
+        breath_sigma = np.full(2, settings.breath_mm / math.sqrt(2.0))
+        rate_sigma = _TWO_PI * (high - low) / (count - 1) / 3.0  # a third of the distance between neighbouring rates
+        gain_sigma = math.log(settings.gain_factor)
+        sigma = np.concatenate([[wall_sigma_mm], breath_sigma, heart_sigma, [rate_sigma, gain_sigma]])
         self._covariance = np.tile(np.diag(sigma**2), (count, 1, 1))
         """(rates, s, s) covariance of each state."""
-        swing = np.repeat(settings.swing_mm / numbers, 2)
-        wander = np.concatenate(
-            [
-                [settings.wander_mm],
-                np.full(2, settings.swing_mm),
-                swing,
-                [_TWO_PI * settings.rate_wander_hz, settings.gain_wander],
-            ]
-        )
-        self._growth = np.diag(wander**2)
+        # standard deviation of the random walk of each number of the state over a second
+        breath_walk, heart_walk = np.full(2, settings.swing_mm), np.repeat(settings.swing_mm / self._harmonics, 2)
+        rate_walk, gain_walk = _TWO_PI * settings.rate_wander_hz, settings.gain_wander
+        walk = np.concatenate([[settings.wander_mm], breath_walk, heart_walk, [rate_walk, gain_walk]])
+        self._growth = np.diag(walk**2)
         """(s, s) growth of the covariance in a second."""
-        self._harmonics = numbers
-        """(H,) numbers of the harmonics: 1, 2, ..."""
         self._log_likelihood = np.zeros(count)
         """(rates,) log-likelihood of each rate."""
         self._residuals: deque[tuple[float, float]] = deque()
@@ -120,27 +117,35 @@ class WallObserver:
         self.locked = True
 
     def add(self, sample: Sample) -> None:
-        """Takes an estimate; one that is not later than the last is ignored."""
+        """Moves the model of the wall to the time of an estimate, and corrects it by the estimated force.
+
+        An estimate that is not later than the last one is ignored.
+        """
         if self.time_s is not None:
-            if sample.time_s <= self.time_s:
+            dt_s = sample.time_s - self.time_s
+            if dt_s <= 0.0:
                 return
-            self._predict(sample.time_s - self.time_s)
+            self._predict(dt_s)
             if self._has_force(sample):
-                self._in_contact_s += sample.time_s - self.time_s
+                self._in_contact_s += dt_s
         self.time_s = sample.time_s
         self._update(sample)
 
     def wall_mm(self, time_s: float) -> float:
-        """Returns the wall at ``time_s`` in mm: minus the position on the path at which the tip just meets it."""
+        """Returns the wall at ``time_s`` in mm: minus the position on the path at which the tip just meets it.
+
+        It is the sum of the constant, the breath and the harmonics of the heart, in the most likely model. Before the
+        first estimate it is the constant.
+        """
         if self.time_s is None:
             return float(self._state[0, 0])
-        ahead = time_s - self.time_s
-        x = self._state[self.best]
-        turned = _TWO_PI * self.settings.respiration_hz * ahead
-        wall = x[0] + math.cos(turned) * x[_BREATH] + math.sin(turned) * x[_BREATH + 1]
-        angles = self._harmonics * x[self._rate_column] * ahead
-        pairs = x[_HEART : self._rate_column].reshape(-1, 2)
-        return float(wall + np.cos(angles) @ pairs[:, 0] + np.sin(angles) @ pairs[:, 1])
+        ahead_s = time_s - self.time_s
+        state = self._state[self.best]
+        breath_angle = _TWO_PI * self.settings.respiration_hz * ahead_s
+        wall_mm = state[0] + math.cos(breath_angle) * state[_BREATH] + math.sin(breath_angle) * state[_BREATH + 1]
+        angles = self._harmonics * state[self._rate_column] * ahead_s
+        components = state[_HEART : self._rate_column].reshape(-1, 2)  # (H, 2) of cosine and sine
+        return float(wall_mm + np.cos(angles) @ components[:, 0] + np.sin(angles) @ components[:, 1])
 
     @property
     def mean_mm(self) -> float:
@@ -161,22 +166,25 @@ class WallObserver:
         return max((size for _, size in self._residuals), default=math.inf)
 
     def spread_mm(self) -> float:
-        """Returns the largest standard deviation of `wall_mm` within the next period of the heart.
+        """Returns the largest standard deviation of `wall_mm` within the next period of the heart, in mm.
 
         Plausible rates are weighted by their likelihood: the value is large where they predict different walls.
         """
         rows = self._plausible_rows
+        # errors of neighbouring estimates are alike, so that only a share of the log-likelihood counts
         weights = np.exp(_LIKELIHOOD_SHARE * (self._log_likelihood[rows] - self._log_likelihood.max()))
         weights /= weights.sum()
-        ahead = np.linspace(0.0, _TWO_PI / float(self._state[self.best, self._rate_column]), _PHASE_COUNT)
-        wall, h = self._predictions(rows, ahead)
-        variance = np.einsum("bki,bij,bkj->bk", h, self._covariance[rows], h)
-        return float(np.sqrt((weights @ (variance + (wall - weights @ wall) ** 2)).max()))
+        period_s = _TWO_PI / float(self._state[self.best, self._rate_column])
+        wall_mm, gradient = self._predictions(rows, np.linspace(0.0, period_s, _PHASE_COUNT))
+        variance_mm2 = np.einsum("bki,bij,bkj->bk", gradient, self._covariance[rows], gradient)
+        mean_mm = weights @ wall_mm
+        # variance of the mixture at each phase: within each model, and between the models
+        return float(np.sqrt((weights @ (variance_mm2 + (wall_mm - mean_mm) ** 2)).max()))
 
     def excess_mm(self, times_s: FloatArray, positions_mm: FloatArray, force_n: float, sigmas: float) -> float:
-        """Returns by how many mm the tip is deeper in the wall than a limit of the force allows.
+        """Returns by how many mm the tip would be deeper in the wall than a limit of the force allows.
 
-        The worst of all plausible heart rates and of all times counts.
+        The wall is predicted for each time and each plausible heart rate; the worst case counts.
 
         Args:
             times_s: (k,) times in s, not before the last estimate.
@@ -194,7 +202,8 @@ class WallObserver:
         wall_mm, gradient = self._predictions(rows, times_s - self.time_s)
         gain_n_per_mm = np.exp(self._state[rows, self._gain_column])[:, None]
         depth_mm = positions_mm + wall_mm
-        # The force divided by the gain is the depth. Its gradient by the logarithm of the gain is the depth, too.
+        # Force / gain = depth, so an uncertain gain counts as an uncertain depth: d(force) / d(log gain) = force, and
+        # divided by the gain that is the depth.
         gradient[:, :, self._gain_column] = np.maximum(depth_mm, 0.0)
         variance_mm2 = np.einsum("bki,bij,bkj->bk", gradient, self._covariance[rows], gradient)
         sigma_mm = np.sqrt(np.maximum(variance_mm2, 0.0))  # rounding can make a variance negative
@@ -206,7 +215,7 @@ class WallObserver:
         return np.flatnonzero(self._log_likelihood >= self._log_likelihood.max() - _MAX_LOG_LIKELIHOOD_DEFICIT)
 
     def _predictions(self, rows: IntArray, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Predicts the wall.
+        """Predicts the wall: constant, breath and harmonics of the heart, each turned on from the last estimate.
 
         Args:
             rows: (b,) rows of the rates.
@@ -215,44 +224,49 @@ class WallObserver:
         Returns:
             (b, k) wall in mm, and its gradient by the state (b, k, s).
         """
-        x = self._state[rows]
-        rate = x[:, self._rate_column, None, None]
-        h = np.zeros((len(x), ahead_s.size, x.shape[1]))
-        h[:, :, 0] = 1.0
-        breath = _TWO_PI * self.settings.respiration_hz * ahead_s
-        h[:, :, _BREATH], h[:, :, _BREATH + 1] = np.cos(breath), np.sin(breath)
-        turns = np.multiply.outer(ahead_s, self._harmonics)
-        cos, sin = np.cos(rate * turns), np.sin(rate * turns)
-        h[:, :, _HEART : self._rate_column : 2], h[:, :, _HEART + 1 : self._rate_column : 2] = cos, sin
-        wall = np.einsum("bki,bi->bk", h, x)
-        pairs = x[:, None, _HEART : self._rate_column].reshape(len(x), 1, -1, 2)
-        h[:, :, self._rate_column] = ((-sin * pairs[..., 0] + cos * pairs[..., 1]) * turns).sum(axis=2)
-        return wall, h
+        state = self._state[rows]
+        gradient = np.zeros((len(state), ahead_s.size, state.shape[1]))
+        gradient[:, :, 0] = 1.0
+        breath_angle = _TWO_PI * self.settings.respiration_hz * ahead_s
+        gradient[:, :, _BREATH], gradient[:, :, _BREATH + 1] = np.cos(breath_angle), np.sin(breath_angle)
+        angle_by_rate = np.multiply.outer(ahead_s, self._harmonics)  # (k, H): angle = rate * time * number
+        angle = state[:, self._rate_column, None, None] * angle_by_rate
+        cos, sin = np.cos(angle), np.sin(angle)
+        gradient[:, :, _HEART : self._rate_column : 2], gradient[:, :, _HEART + 1 : self._rate_column : 2] = cos, sin
+        # the wall is linear in constant, breath and harmonics; the columns of rate and gain are still zero here
+        wall_mm = np.einsum("bki,bi->bk", gradient, state)
+        components = state[:, None, _HEART : self._rate_column].reshape(len(state), 1, -1, 2)
+        wall_by_angle = -sin * components[..., 0] + cos * components[..., 1]
+        gradient[:, :, self._rate_column] = (wall_by_angle * angle_by_rate).sum(axis=2)
+        return wall_mm, gradient
 
     def _predict(self, dt_s: float) -> None:
         """Moves state and covariance of all rates by ``dt_s`` seconds: breath and harmonics of the heart turn.
 
-        The constants, the rates and the gain keep their values; their covariance grows.
+        The constants, the rates and the gain keep their values; the covariance of the whole state grows.
         """
-        x, count, size = self._state, *self._state.shape
+        count, size = self._state.shape
         jacobian = np.tile(np.eye(size), (count, 1, 1))
-        moved = x.copy()
-        turned = _TWO_PI * self.settings.respiration_hz * dt_s
-        rotation = np.array([[math.cos(turned), math.sin(turned)], [-math.sin(turned), math.cos(turned)]])
+        state = self._state.copy()
+        breath_angle = _TWO_PI * self.settings.respiration_hz * dt_s
+        cosine, sine = math.cos(breath_angle), math.sin(breath_angle)
+        rotation = np.array([[cosine, sine], [-sine, cosine]])
         breath = slice(_BREATH, _BREATH + 2)
-        moved[:, breath] = x[:, breath] @ rotation.T
+        state[:, breath] = self._state[:, breath] @ rotation.T
         jacobian[:, breath, breath] = rotation
         for number in self._harmonics.tolist():
-            at = slice(_HEART + 2 * number - 2, _HEART + 2 * number)
-            angle = number * x[:, self._rate_column] * dt_s
+            first, second = _HEART + 2 * number - 2, _HEART + 2 * number - 1  # columns of the harmonic's two components
+            angle = number * self._state[:, self._rate_column] * dt_s
             cos, sin = np.cos(angle), np.sin(angle)
-            a, b = x[:, at.start], x[:, at.start + 1]
-            moved[:, at.start], moved[:, at.start + 1] = cos * a + sin * b, -sin * a + cos * b
-            jacobian[:, at, at] = np.stack([np.stack([cos, sin], 1), np.stack([-sin, cos], 1)], 1)
-            jacobian[:, at.start, self._rate_column] = number * dt_s * moved[:, at.start + 1]
-            jacobian[:, at.start + 1, self._rate_column] = -number * dt_s * moved[:, at.start]
+            state[:, first] = cos * self._state[:, first] + sin * self._state[:, second]
+            state[:, second] = -sin * self._state[:, first] + cos * self._state[:, second]
+            harmonic = slice(first, second + 1)
+            jacobian[:, harmonic, harmonic] = np.stack([np.stack([cos, sin], 1), np.stack([-sin, cos], 1)], 1)
+            jacobian[:, first, self._rate_column] = number * dt_s * state[:, second]
+            jacobian[:, second, self._rate_column] = -number * dt_s * state[:, first]
+        # old estimates say little about the present rate: the heart rate changes
         self._log_likelihood = self._log_likelihood * math.exp(-dt_s / _LIKELIHOOD_MEMORY_S)
-        self._state = moved
+        self._state = state
         self._covariance = jacobian @ self._covariance @ jacobian.transpose(0, 2, 1) + self._growth * dt_s
 
     def _has_force(self, sample: Sample) -> bool:
@@ -260,34 +274,41 @@ class WallObserver:
         return sample.force_n > 3.0 * self.settings.noise_n
 
     def _update(self, sample: Sample) -> None:
-        x = self._state
-        wall = x[:, 0] + x[:, _BREATH] + x[:, _HEART : self._rate_column : 2].sum(axis=1)
-        depth, gain = sample.position_mm + wall, np.exp(x[:, self._gain_column])
-        h = np.zeros_like(x)
-        h[:, 0] = h[:, _BREATH] = gain
-        h[:, _HEART : self._rate_column : 2] = gain[:, None]
-        h[:, self._gain_column] = np.maximum(gain * depth, 0.0)
+        """Corrects state, covariance and log-likelihood of all rates by a force: the Kalman filter's measurement step.
+
+        The oscillators are at phase 0, since `_predict` moved them to the sample's time: only their first components
+        are in the wall. A row without a force in model and sample is not corrected.
+        """
+        state = self._state
+        wall = state[:, 0] + state[:, _BREATH] + state[:, _HEART : self._rate_column : 2].sum(axis=1)
+        depth, gain = sample.position_mm + wall, np.exp(state[:, self._gain_column])
         expected = np.maximum(gain * depth, 0.0)
+        gradient = np.zeros_like(state)  # (rates, s) of the force by the state
+        gradient[:, 0] = gradient[:, _BREATH] = gain
+        gradient[:, _HEART : self._rate_column : 2] = gain[:, None]
+        gradient[:, self._gain_column] = expected
         informative = (depth > 0.0) | self._has_force(sample)
-        ph = np.einsum("bij,bj->bi", self._covariance, h)
+        force_covariance = np.einsum("bij,bj->bi", self._covariance, gradient)  # (rates, s) of state and force
         noise = max(sample.sigma_n, self.settings.noise_n) ** 2
-        variance = np.einsum("bi,bi->b", h, ph) + noise
+        variance = np.einsum("bi,bi->b", gradient, force_covariance) + noise
         residual = sample.force_n - np.where(informative, gain * depth, expected)
         self._residuals.append((self._in_contact_s, abs(sample.force_n - float(expected[self.best]))))
         while self._residuals[0][0] < self._in_contact_s - _RESIDUAL_MEMORY_S:
             self._residuals.popleft()
         step = np.where(informative, residual / variance, 0.0)
-        # An estimate further off counts as if it were at three standard deviations: the model jumped, not the wall.
+        # An estimate further off counts as if it were at three standard deviations: it is an error of the estimator,
+        # since the wall does not jump.
         bound = 3.0 / np.sqrt(variance)
         step = np.clip(step, -bound, bound)
-        self._state = x + ph * step[:, None]
+        self._state = state + force_covariance * step[:, None]
         weight = np.where(informative, 1.0 / variance, 0.0)[:, None, None]
-        self._covariance = self._covariance - weight * ph[:, :, None] * ph[:, None, :]
-        self._covariance = 0.5 * (self._covariance + self._covariance.transpose(0, 2, 1))
+        self._covariance = self._covariance - weight * force_covariance[:, :, None] * force_covariance[:, None, :]
+        self._covariance = 0.5 * (self._covariance + self._covariance.transpose(0, 2, 1))  # rounding made it asymmetric
         low, high = self.settings.gain_range
         np.clip(self._state[:, self._gain_column], math.log(low), math.log(high), out=self._state[:, self._gain_column])
         slowest, fastest = (_TWO_PI * rate for rate in self.settings.heart_hz)
         np.clip(self._state[:, self._rate_column], slowest, fastest, out=self._state[:, self._rate_column])
+        # a row without information gets the log-likelihood of a residual of zero, so that it does not fall behind
         self._log_likelihood = self._log_likelihood - 0.5 * np.where(
             informative, residual * residual / variance + np.log(variance), math.log(noise)
         )

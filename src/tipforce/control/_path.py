@@ -51,7 +51,11 @@ class Path:
         return {axis: self.start[axis] + self.slope(axis) * position_mm for axis in self.start}
 
     def position_mm(self, readings: Mapping[str, float]) -> float:
-        """Returns the position on the path that is nearest to the ``readings`` of the drives, in mm."""
+        """Returns the position on the path that is nearest to the ``readings`` of the drives, in mm.
+
+        It is the orthogonal projection on the line from start to goal, in a space in which each axis is scaled to mm
+        of the path: 1 mm of advance, or 3 degrees of the knob.
+        """
         along, norm = 0.0, 0.0
         for axis in self.start:
             unit = _UNITS_PER_PATH_MM[axis]
@@ -67,11 +71,12 @@ class Path:
             limits: limits of each drive.
             settings: the largest speeds of advance and knob.
         """
-        own = {ADVANCE: settings.max_advance_mm_per_s, KNOB: settings.max_knob_deg_per_s}
-        speeds = (
-            min(limits[axis].max_speed, own[axis]) / abs(self.slope(axis)) for axis in self.start if self.slope(axis)
+        allowed = {ADVANCE: settings.max_advance_mm_per_s, KNOB: settings.max_knob_deg_per_s}
+        return min(
+            min(limits[axis].max_speed, allowed[axis]) / abs(self.slope(axis))
+            for axis in self.start
+            if self.slope(axis)
         )
-        return min(speeds)
 
     def max_acceleration_mm_per_s2(self, limits: Mapping[str, AxisLimits]) -> float:
         """Returns the largest acceleration on the path that every axis can follow."""

@@ -102,7 +102,7 @@ class SafetyLayer:
         return self.path.position_mm(self._actuators.read().values)
 
     def observe(self, estimate: ForceEstimate, captured_ns: int) -> None:
-        """Takes an estimate, valid or not.
+        """Takes an estimate, valid or not: updates the bound of the force, the watchdog's times and the usual delay.
 
         Args:
             estimate: the estimate.
@@ -124,7 +124,10 @@ class SafetyLayer:
         self._valid_ns, self._why = captured_ns, ""
 
     def _compare(self, now_ns: int) -> float:
-        """Returns the bound of the force, in newtons, and remembers since when it is above the limit."""
+        """Returns the bound of the force, in newtons, and remembers since when it is above the limit.
+
+        Once above, it must fall below ``release_share`` of the limit, so that the action does not switch to and fro.
+        """
         with self._judging:
             bound_n = self._bound.at_n(now_ns)
             if bound_n > self._limit_n:
@@ -138,7 +141,11 @@ class SafetyLayer:
         return None if self._valid_ns is None else self._clock.now_ns() - self._known_ns - self._usual_ns
 
     def check(self) -> tuple[SafetyAction, str]:
-        """Returns the action for this time, and its reason."""
+        """Returns the action for this time, and its reason; the first of these conditions that holds decides.
+
+        Stopped; retract without a valid estimate, or when the last one is too old; over the limit (retract after
+        ``max_above_s``); coast while estimates are not valid; else pass.
+        """
         now, age, settings = self._clock.now_ns(), self.age_ns(), self.settings
         bound_n = self._compare(now)
         if self._stopped:
@@ -146,6 +153,7 @@ class SafetyLayer:
         if age is None or self._valid_ns is None:
             return SafetyAction.RETRACT, self._why or "no valid estimate so far"
         abstained_ns = now - self._valid_ns - self._usual_ns
+        # with its usual delay an estimate is never used after more than MAX_AGE_S
         stale_ns = min(self._stale_ns, round(1e9 * MAX_AGE_S) - self._usual_ns)
         too_long = age > settings.coast_s * 1e9 or abstained_ns > settings.abstained_s * 1e9
         if age > stale_ns or (self._why and too_long):
@@ -173,20 +181,23 @@ class SafetyLayer:
             return self._command(wanted_mm, max_speed_mm_per_s)
 
     def _command(self, wanted_mm: float, max_speed_mm_per_s: float | None) -> Applied:
+        """Does the work of `command`, with the drives locked for other threads."""
         now = self._clock.now_ns()
         action, reason = self.check()
-        last = self.measured_mm() if self._sent_mm is None else self._sent_mm
+        last_mm = self.measured_mm() if self._sent_mm is None else self._sent_mm
         if action is SafetyAction.STOPPED:
-            return Applied(last, action, reason)
+            return Applied(last_mm, action, reason)
         speed = min(self.max_speed_mm_per_s, max_speed_mm_per_s or self.max_speed_mm_per_s)
         if action in (SafetyAction.OVER_LIMIT, SafetyAction.RETRACT):
-            wanted_mm, speed = 0.0, self.max_speed_mm_per_s
-        step = speed * (now - self._sent_ns) * 1e-9 if self._sent_mm is not None else 0.0
-        sent = min(max(wanted_mm, last - step), last + step)
-        sent = min(max(sent, min(0.0, last)), self.path.length_mm)
-        self._actuators.command(self.path.targets(sent))
-        self._sent_mm, self._sent_ns = sent, now
-        return Applied(sent, action, reason)
+            wanted_mm, speed = 0.0, self.max_speed_mm_per_s  # toward the start, as fast as the drives may go
+        # the speed limits the step from the last command; the first command sends the measured position
+        step_mm = speed * (now - self._sent_ns) * 1e-9 if self._sent_mm is not None else 0.0
+        sent_mm = min(max(wanted_mm, last_mm - step_mm), last_mm + step_mm)
+        # within the path; a catheter that is still before its start is not moved faster than the step
+        sent_mm = min(max(sent_mm, min(0.0, last_mm)), self.path.length_mm)
+        self._actuators.command(self.path.targets(sent_mm))
+        self._sent_mm, self._sent_ns = sent_mm, now
+        return Applied(sent_mm, action, reason)
 
     def stop(self) -> None:
         """Stops the drives immediately; no command passes until `release`."""
@@ -216,7 +227,15 @@ class _Bound:
         self._rises: deque[tuple[int, float]] = deque()
 
     def add(self, estimate: ForceEstimate, captured_ns: int) -> None:
-        """Takes an estimate, valid or not; one without an interval leaves the bound to rise."""
+        """Takes an estimate, valid or not: stores the upper end of its interval and the rate at which the force rises.
+
+        After an estimate without an interval the bound rises until the next interval. One that is not newer than the
+        last is ignored.
+
+        Args:
+            estimate: the estimate.
+            captured_ns: mid-exposure of its image on the clock, ns.
+        """
         if self._captured_ns is not None and captured_ns <= self._captured_ns:
             return
         if math.isnan(estimate.upper_n):
