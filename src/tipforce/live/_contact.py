@@ -48,7 +48,8 @@ class ContactTotals:
             raw: the same estimate as the method returned it.
 
         Returns:
-            The contact state after this estimate. The larger of both forces is compared with the limit.
+            The contact state after this estimate. The larger of both forces is compared with the limit: a zero that was
+            taken in contact must not hide a large force. The integral is the kept one while it is stopped.
         """
         state = self._monitor.update(estimate)
         if raw is not estimate and raw.valid:
@@ -56,7 +57,7 @@ class ContactTotals:
             if raw.magnitude_n > limit_n:
                 state = replace(state, contact=ContactState.EXCESSIVE)
             above = probability_above(raw, limit_n)
-            if not above <= state.above_limit:
+            if not above <= state.above_limit:  # also where the state's probability is NaN
                 state = replace(state, above_limit=above)
         if self._held is not None:
             state = replace(state, integral_n_s=self._held[0], integral_interval_n_s=self._held[1])

@@ -245,68 +245,73 @@ class Engine:
             self.stop()
 
     def _estimate(self) -> None:
-        """Runs on the thread of the estimator."""
+        """Estimates and publishes each instant of the intake, on the thread of the estimator.
+
+        A method that raises is started again, after a wait that doubles up to ``reconnect_max_s``. The loop ends with
+        `stop`, or when the source has ended and no instant is left.
+        """
         stream: Stream | None = None
         run, wait_s = 0, self.settings.reconnect_s
         while not self._stop.is_set():
-            last = not self._threads[0].is_alive()
+            source_ended = not self._threads[0].is_alive()
             instant = self._intake.take(CHECK_INTERVAL_S)
             if instant is None:
-                if last:
+                if source_ended:
                     break
                 continue
             try:
-                if stream is None or instant.run != run:
+                if stream is None or instant.run != run:  # the clock of the source restarted: old images do not count
                     stream, run = self._start_stream(), instant.run
-                found = self._with_shape(stream.update(instant.observation).checked(), instant)
+                estimate = self._with_shape(stream.update(instant.observation).checked(), instant)
                 self._trouble, wait_s = "", self.settings.reconnect_s
             except Exception as error:  # a method should never raise; the run continues and reports the error
                 _log.exception("the method failed")
                 stream, self._trouble = None, f"the method failed: {type(error).__name__}: {error}"
-                found = ForceEstimate.invalid(instant.observation.stamp_ns, Status.STALE, self._trouble)
-            self._publish_frame(instant, found)
+                estimate = ForceEstimate.invalid(instant.observation.stamp_ns, Status.STALE, self._trouble)
+            self._publish_frame(instant, estimate)
             if self._trouble:
                 self._stop.wait(wait_s)
                 wait_s = min(2.0 * wait_s, self.settings.reconnect_max_s)
         if self._shapes is not None:
             self._shapes.close()
 
-    def _with_shape(self, found: ForceEstimate, instant: Instant) -> ForceEstimate:
-        """Returns ``found`` with a shape for page and recording if the method detects none."""
+    def _with_shape(self, estimate: ForceEstimate, instant: Instant) -> ForceEstimate:
+        """Returns ``estimate`` with a shape for page and recording if the method detects none."""
         image = instant.observation.views.get(self._estimator.views[0])
-        if self._shapes is None or found.shape is not None or not isinstance(image, np.ndarray):
-            return found
+        if self._shapes is None or estimate.shape is not None or not isinstance(image, np.ndarray):
+            return estimate
         try:
             shape = self._shapes.find(image, instant.observation.actuation.get(ADVANCE, 0.0))
         except Exception:  # only the drawing is missing then; the force is not affected
             _log.exception("the catheter is not detected for display any more")
             self._shapes = None
-            return found
-        return found if shape is None else replace(found, shape=shape)
+            return estimate
+        return estimate if shape is None else replace(estimate, shape=shape)
 
     def _start_stream(self) -> Stream:
         with self._publishing:
             self._zero.clear()  # the zero of the method itself is also taken again
         return self._estimator.start(self._info)
 
-    def _publish_frame(self, instant: Instant, found: ForceEstimate) -> None:
+    def _publish_frame(self, instant: Instant, estimate: ForceEstimate) -> None:
+        """Rejects an estimate that is too old or has too old inputs, counts it in the report, and publishes it."""
         with self._publishing:
             now_ns = self.clock.now_ns()
             # an estimate of an earlier image is as old as that image
-            captured_ns = instant.captured_ns - max(0, instant.observation.stamp_ns - found.stamp_ns)
+            captured_ns = instant.captured_ns - max(0, instant.observation.stamp_ns - estimate.stamp_ns)
             self._answered_ns = captured_ns
-            refused = self._refused(instant, found.stamp_ns, captured_ns, now_ns)
-            if refused is not None:
-                found = ForceEstimate.invalid(found.stamp_ns, *refused, found.shape)
+            rejection = self._rejection(instant, estimate.stamp_ns, captured_ns, now_ns)
+            if rejection is not None:
+                estimate = ForceEstimate.invalid(estimate.stamp_ns, *rejection, estimate.shape)
             delay_s = (now_ns - captured_ns) * 1e-9
             self._recent.add(now_ns, delay_s)
             self._all.add(delay_s)
             self._report.estimated += 1
-            self._report.statuses[found.status.value] += 1
-            self._report.valid += found.valid
+            self._report.statuses[estimate.status.value] += 1
+            self._report.valid += estimate.valid
             frames = {view: image for view, image in instant.observation.views.items() if isinstance(image, np.ndarray)}
             fault = self._camera_fault(now_ns)
-            self._publish(found, MappingProxyType(frames), captured_ns, now_ns, fault, instant.beside)
+            self._publish(estimate, MappingProxyType(frames), captured_ns, now_ns, fault, instant.beside)
 
     def _camera_fault(self, now_ns: int) -> Fault | None:
         """Returns the fault of the cameras, with the reason that the source states; None without a fault."""
@@ -319,8 +324,8 @@ class Engine:
             why = f"the source cannot state the reason: {type(error).__name__}"
         return Fault(fault.camera, f"{fault.message}; {why}") if why else fault
 
-    def _refused(self, instant: Instant, stamp_ns: int, captured_ns: int, now_ns: int) -> tuple[Status, str] | None:
-        """Returns the reason why an estimate is rejected regardless of its values; None if it is accepted.
+    def _rejection(self, instant: Instant, stamp_ns: int, captured_ns: int, now_ns: int) -> tuple[Status, str] | None:
+        """Returns status and reason with which an estimate is rejected regardless of its values; None: it is accepted.
 
         Args:
             instant: input of the estimator.
@@ -351,7 +356,11 @@ class Engine:
         return None
 
     def _watch(self) -> None:
-        """Runs on the thread of the watchdog: publishes that no force is valid, also while other threads are busy."""
+        """Runs on the thread of the watchdog: publishes that no force is valid, also while other threads are busy.
+
+        Without a fault it sleeps until the present estimate becomes stale; during a fault it repeats the notice every
+        ``notice_s`` seconds. `_wake` ends a sleep early: for an unusable image, a failed source, or the end.
+        """
         while not self._done.is_set():
             self._wake.clear()
             with self._publishing:
@@ -410,23 +419,32 @@ class Engine:
         fault: Fault | None,
         beside: Mapping[str, Image] = _NO_FRAMES,
     ) -> None:
+        """Subtracts the operator's zero, updates the contact state, and offers the result to every sink.
+
+        Args:
+            estimate: the estimate of the method, or an invalid one of the watchdog.
+            frames: view -> image of the estimate; empty for a notice of the watchdog.
+            captured_ns: mid-exposure of the image, on the engine's clock.
+            now_ns: present time, on the engine's clock.
+            fault: present fault of camera or method; None without one.
+            beside: view -> newest image of each view that the method does not read.
+        """
         if self._over:  # a method that hung returns after the end of the run
             return
         raw = estimate
         estimate = self._zero.apply(raw, now_ns)
         clinical = self._contact.update(estimate, raw)
-        number = 0 if self._latest is None else self._latest.number + 1
         self._latest = LiveUpdate(
-            number,
-            estimate,
-            clinical,
-            frames,
-            captured_ns,
-            now_ns,
-            self._health(fault, now_ns),
-            self._zero.zero,
-            self._contact.running,
-            self._intake.limit_ns * 1e-9,
+            number=0 if self._latest is None else self._latest.number + 1,
+            estimate=estimate,
+            clinical=clinical,
+            frames=frames,
+            captured_ns=captured_ns,
+            published_ns=now_ns,
+            health=self._health(fault, now_ns),
+            zero=self._zero.zero,
+            integral_running=self._contact.running,
+            max_age_s=self._intake.limit_ns * 1e-9,
             beside=beside,
             reads=self._estimator.views,
         )

@@ -149,7 +149,7 @@ class Intake:
                 self._new.wait(wait_s)
             if not self._slots:
                 return None
-            view = min(self._slots, key=lambda each: self._slots[each][0].stamp_ns)
+            view = min(self._slots, key=lambda name: self._slots[name][0].stamp_ns)
             frame, captured_ns = self._slots.pop(view)
             self._taken_ns = frame.stamp_ns
             return self._instant(frame, captured_ns)
@@ -170,18 +170,18 @@ class Intake:
             faults = [fault for watch in self._watches.values() if (fault := watch.fault(now_ns))]
             if self._apart and len(faults) < len(self._watches):
                 return None
-            found = worst(faults)
-            if found is not None and found.camera == "waiting" and self._beside:
-                sent = ", ".join(sorted(self._beside))
-                return Fault("waiting", f"{found.message}; the source sends {sent}")
-            return found
+            reported = worst(faults)
+            if reported is not None and reported.camera == "waiting" and self._beside:
+                sent_views = ", ".join(sorted(self._beside))
+                return Fault("waiting", f"{reported.message}; the source sends {sent_views}")
+            return reported
 
     def lost_view(self, now_ns: int) -> str:
         """Returns with ``apart`` the fault of the views without a valid image, where another has one; else ""."""
         with self._new:
             faults = [fault for watch in self._watches.values() if (fault := watch.fault(now_ns))]
-            found = worst(faults) if self._apart and len(faults) < len(self._watches) else None
-            return "" if found is None else found.message
+            reported = worst(faults) if self._apart and len(faults) < len(self._watches) else None
+            return "" if reported is None else reported.message
 
     @property
     def limit_ns(self) -> int:
@@ -214,6 +214,11 @@ class Intake:
             return self._rate.per_s(now_ns)
 
     def _add_frame(self, frame: Frame, now_ns: int) -> None:
+        """Checks an image and lets it wait for the images of the other views; it arrives at ``now_ns``.
+
+        The image of a view that the estimator does not read is only kept for display. A late image is dropped; a stamp
+        more than `MAX_LATE_STAMP_NS` back shows that the source's clock restarted, and begins a new run.
+        """
         view = frame.view
         if view not in self._watches:
             if view in self._beside or len(self._beside) < MAX_OTHER_VIEWS:
@@ -246,14 +251,21 @@ class Intake:
             self._on_fault()
 
     def _wait_for_partners(self, frame: Frame, captured_ns: int, now_ns: int) -> None:
-        """Holds a frame until it has its partners, or until no partner can come any more."""
+        """Holds a frame until it has its partners, or until no partner can come any more.
+
+        Args:
+            frame: a good image of a view that the estimator reads.
+            captured_ns: its mid-exposure, on the engine's clock.
+            now_ns: its arrival, on the engine's clock.
+        """
         delay_ns = now_ns - captured_ns
         if self._pairing.add(frame):
-            others = (each for view, each in self._delays_ns.items() if view != frame.view)
-            others_ns = max((other for each in others for other in each), default=0)
-            extra_ns = min(max(0, others_ns - delay_ns), MAX_EXTRA_WAIT_NS)
-            waiting = frame, captured_ns, time.monotonic_ns() + _PAIR_NS + extra_ns
-            insort(self._waiting, waiting, key=lambda each: each[0].stamp_ns)
+            # the partners may arrive later than this frame by the difference of the delays of their views
+            delays_of_others = (delays for view, delays in self._delays_ns.items() if view != frame.view)
+            longest_ns = max((longest for delays in delays_of_others for longest in delays), default=0)
+            extra_ns = min(max(0, longest_ns - delay_ns), MAX_EXTRA_WAIT_NS)
+            entry = frame, captured_ns, time.monotonic_ns() + _PAIR_NS + extra_ns
+            insort(self._waiting, entry, key=lambda waiting: waiting[0].stamp_ns)
             del self._waiting[:-MAX_WAITING_FRAMES]
         self._delays_ns[frame.view].append(delay_ns)
         if self._apart:
@@ -280,16 +292,23 @@ class Intake:
         return math.inf
 
     def _instant(self, frame: Frame, captured_ns: int) -> Instant:
+        """Makes the input of the estimator from a frame: the images of one instant, and the drives' readings at it.
+
+        Args:
+            frame: the frame that sets the time.
+            captured_ns: its mid-exposure, on the engine's clock.
+        """
         stamp_ns = frame.stamp_ns
         views = self._pairing.views_of(frame) or {frame.view: frame.image}
         self._pairing.forget_before(stamp_ns - _PAIR_NS)
-        read = self._series.at(np.array([stamp_ns]))
-        known = {name: float(value[0]) for name, value in read.items() if not np.isnan(value[0])}
-        ages = {name: (stamp_ns - at_ns) * 1e-9 for name, at_ns in self._read_ns.items()}
+        readings = self._series.at(np.array([stamp_ns]))
+        known = {name: float(value[0]) for name, value in readings.items() if not np.isnan(value[0])}
+        ages_s = {name: (stamp_ns - read_ns) * 1e-9 for name, read_ns in self._read_ns.items()}
+        # a reading that equals the stated constant stays valid at any age
         too_old = {
-            name: age
-            for name, age in ages.items()
-            if age > self._settings.actuation_age_s and known.get(name) != self._constant.get(name)
+            name: age_s
+            for name, age_s in ages_s.items()
+            if age_s > self._settings.actuation_age_s and known.get(name) != self._constant.get(name)
         }
         current = {name: value for name, value in known.items() if name not in too_old}
         observation = Observation(stamp_ns, views, {**self._constant, **current})

@@ -43,7 +43,7 @@ class RecentDelays:
         self._at_ns, self._delay_s = np.zeros(most, np.int64), np.zeros(most)
         self._count, self._window_ns = 0, round(window_s * 1e9)
         self._next_ns, self._every_ns = 0, round(every_s * 1e9)
-        self._found = (float("nan"), float("nan"))
+        self._last_percentiles = (float("nan"), float("nan"))
 
     def add(self, now_ns: int, delay_s: float) -> None:
         """Adds one delay.
@@ -57,14 +57,17 @@ class RecentDelays:
         self._count += 1
 
     def percentiles(self, now_ns: int) -> tuple[float, float]:
-        """Returns p50 and p99 in seconds; NaN without a delay."""
+        """Returns p50 and p99 of the last ``window_s`` in seconds; NaN without a delay.
+
+        They are computed at most every ``every_s``, because each update asks for them.
+        """
         if self._count and now_ns >= self._next_ns:
             self._next_ns = now_ns + self._every_ns
             filled = slice(0, min(self._count, len(self._at_ns)))
             recent = self._delay_s[filled][self._at_ns[filled] >= now_ns - self._window_ns]
             p50, p99 = np.percentile(recent, [50, 99]).tolist() if len(recent) else (float("nan"),) * 2
-            self._found = (p50, p99)
-        return self._found
+            self._last_percentiles = (p50, p99)
+        return self._last_percentiles
 
 
 class Histogram:
@@ -92,5 +95,5 @@ class Histogram:
         total = int(self._counts.sum())
         if not total:
             return float("nan")
-        row = int(np.searchsorted(np.cumsum(self._counts), p / 100.0 * total))
+        row = int(np.searchsorted(np.cumsum(self._counts), p / 100.0 * total))  # first bin that reaches the share
         return self._EDGES_S[min(row, len(self._EDGES_S) - 1)]

@@ -45,6 +45,11 @@ class PacedSource:
         return self.file.session_info
 
     def __iter__(self) -> Iterator[Event]:
+        """Yields each event when its time has come, stamped with that time on ``clock``.
+
+        A reader that is late by more than `MAX_BEHIND_NS` delays the rest of the file: it does not skip frames. With
+        ``loop`` the file begins again one frame period after its last frame.
+        """
         start_ns = self.clock.now_ns()
         while True:
             last_ns = step_ns = None
@@ -66,7 +71,7 @@ class PacedSource:
             start_ns = max(start_ns + last_ns + (step_ns or REPEAT_GAP_NS), self.clock.now_ns())
 
     def _timed(self) -> Iterator[tuple[Event, int]]:
-        """Yields events with the time since the first of them."""
+        """Yields events with the time in ns since the first of them; with a stated rate, by the count of frames."""
         first_ns, frames = None, dict[str, int]()
         for event in self.file:
             if self._period_ns is not None:

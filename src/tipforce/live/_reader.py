@@ -31,8 +31,12 @@ class SourceReader:
         self.end = ""
 
     def run(self) -> None:
-        """Reads until the source has ended and is not opened again, or until ``stop`` is set."""
-        first_wait_s, most = self._settings.reconnect_s, self._settings.max_reconnects
+        """Reads until the source has ended and is not opened again, or until ``stop`` is set.
+
+        A source that failed is opened again, at most ``max_reconnects`` times without any event between, after a wait
+        that doubles each time. A source that ended is opened again only with ``reopen_ended``.
+        """
+        first_wait_s, max_reconnects = self._settings.reconnect_s, self._settings.max_reconnects
         wait_s, in_a_row = first_wait_s, 0
         while not self._stop.is_set():
             why, worked = self._read()
@@ -40,8 +44,8 @@ class SourceReader:
                 return
             if worked:
                 wait_s, in_a_row = first_wait_s, 0
-            failed = self._settings.reopen_ended or why != _ENDED
-            if not failed or (most is not None and in_a_row >= most):
+            may_reopen = self._settings.reopen_ended or why != _ENDED
+            if not may_reopen or (max_reconnects is not None and in_a_row >= max_reconnects):
                 self.end = why
                 self._intake.fail(why)
                 return

@@ -90,6 +90,11 @@ class SinkRunner:
         return not self._thread.is_alive()
 
     def _serve(self) -> None:
+        """Starts the sink and gives it each update, on the thread of the sink, until it shall close.
+
+        After an `InputError` the sink ends, since starting it again would fail, too. After another error it is closed
+        and started again, after a wait that doubles with each failure.
+        """
         wait_s, started = self._settings.reconnect_s, False
         while True:
             try:

@@ -26,8 +26,8 @@ class ShapeFinder:
 
     def __init__(self, view: str, info: SessionInfo) -> None:
         self._calibration = SessionCalibration(VisionSettings(view=view), info)
-        about = info.view(view)
-        self._side, self._scale = about.base_side or "left", about.metres_per_px
+        view_info = info.view(view)
+        self._side, self._scale = view_info.base_side or "left", view_info.metres_per_px
         self._detector: ShapeDetector | None = None
 
     def find(self, image: Image, advance_mm: float = 0.0) -> DetectedShape | None:
@@ -42,8 +42,8 @@ class ShapeFinder:
         advance_px = 0 if self._scale is None else round(1e-3 * advance_mm / self._scale)
         from_clamp = image_from_clamp(image, self._side, advance_px)
         resolved = self._calibration.add(from_clamp)
-        if resolved is not None and (found := resolved.vision) is not None:
-            self._detector, self._side = ShapeDetector(found), found.base_side
+        if resolved is not None and (vision := resolved.vision) is not None:
+            self._detector, self._side = ShapeDetector(vision), vision.base_side
         if self._detector is None:
             return None
         return self._detector.detect(from_clamp).moved(advance_px * np.array(INWARD[self._side]))

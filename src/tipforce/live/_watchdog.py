@@ -120,7 +120,10 @@ class CameraWatch:
         return self._fresh_ns + self.limit_ns
 
     def fault(self, now_ns: int) -> Fault | None:
-        """Returns the fault at ``now_ns``; None without a fault."""
+        """Returns the fault at ``now_ns``; None without a fault.
+
+        A view that has sent nothing for ``lost_s`` counts as lost, regardless of the fault of its last image.
+        """
         view = self.view
         if self._last_arrival_ns is None:
             return Fault("waiting", f"no image of the view {view} has come yet")
@@ -155,13 +158,17 @@ class CameraWatch:
         return Fault("late", f"the last image of the view {view} is {age_ms:.0f} ms old{slow}")
 
     def _judge(self, image: Image) -> CameraState:
+        """Returns the state that an image shows: "wrong_size", "black", "frozen" (same pixels as before) or "running".
+
+        Both checks use a grid of every eighth row and column first: it is 64 times smaller.
+        """
         if not self._first_shape:
             self._first_shape = image.shape
         if image.shape != self._first_shape:
             self._wrong_size = _size(image.shape)
             return "wrong_size"
         grid = image[::GRID_STEP_PX, ::GRID_STEP_PX]
-        if float(np.percentile(grid, 99)) <= self._settings.black_level:
+        if float(np.percentile(grid, 99)) <= self._settings.black_level:  # single hot pixels do not count
             return "black"
         last = self._last_image
         if last is None or last.shape != image.shape or not np.array_equal(last[::GRID_STEP_PX, ::GRID_STEP_PX], grid):

@@ -28,9 +28,8 @@ class ZeroButton:
     """Subtracts the force at the time of pressing from all later estimates.
 
     It is not known which part of that force was an error of the zero and which part was real. So the 90 % intervals
-    span
-    both: the interval of the force as it was estimated, and the same interval less the zero. Alarm, limit and safety
-    layer act on the upper end, which a zero therefore never lowers.
+    span both: the interval of the force as it was estimated, and the same interval less the zero. Alarm, limit and
+    safety layer act on the upper end, which a zero therefore never lowers.
     """
 
     def __init__(self, settings: LiveSettings) -> None:
@@ -65,41 +64,41 @@ class ZeroButton:
             ZeroInContactError: the tip may be in contact, and this magnitude was not confirmed.
         """
         since_ns = now_ns - round(self._settings.zero_s * 1e9)
-        taken = [estimate for at_ns, estimate in self._recent if at_ns >= since_ns]
-        if len(taken) < MIN_ESTIMATES:
+        recent = [estimate for at_ns, estimate in self._recent if at_ns >= since_ns]
+        if len(recent) < MIN_ESTIMATES:
             raise InputError(
-                f"no zero: {len(taken)} valid estimates in the last {self._settings.zero_s:g} s; "
+                f"no zero: {len(recent)} valid estimates in the last {self._settings.zero_s:g} s; "
                 f"expected {MIN_ESTIMATES}"
             )
-        values = np.mean([_vector(estimate) for estimate in taken], axis=0)
-        magnitude_n = float(np.linalg.norm(values))
+        mean_n = np.mean([_vector(estimate) for estimate in recent], axis=0)
+        magnitude_n = float(np.linalg.norm(mean_n))
         most_n = self._settings.zero_max_n
         if magnitude_n > most_n:
             raise InputError(
                 f"no zero: {newtons_to_grams(magnitude_n):.0f} g are read, and an error of the zero is at most "
                 f"{newtons_to_grams(most_n):.0f} g; take the tip off the tissue first"
             )
-        free = self._free(taken, magnitude_n)
+        free = self._free(recent, magnitude_n)
         if not free and (confirmed_n is None or abs(magnitude_n - confirmed_n) > CONFIRMATION_TOLERANCE_N):
             raise ZeroInContactError(
                 f"the tip may be in contact: {newtons_to_grams(magnitude_n):.1f} g ({1e3 * magnitude_n:.0f} mN) would "
                 "be subtracted from every force from now on; take the tip off the tissue first, or confirm it",
                 magnitude_n,
             )
-        known = taken[-1].known
+        known = recent[-1].known
         offset = np.full(3, math.nan)
-        offset[known] = values[: int(known.sum())] if known.any() else math.nan
-        contact = float(np.mean([estimate.contact for estimate in taken]))
+        offset[known] = mean_n[: int(known.sum())] if known.any() else math.nan
+        contact = float(np.mean([estimate.contact for estimate in recent]))
         self._drift = None
         self._zero = Zero(offset, magnitude_n, now_ns, time.time(), by, confirmed=not free, contact=contact)
         return self._zero
 
-    def _free(self, taken: list[ForceEstimate], magnitude_n: float) -> bool:
+    def _free(self, recent: list[ForceEstimate], magnitude_n: float) -> bool:
         """Returns whether the tip is free, by the stated probability of contact, or else by the force."""
-        stated = [estimate.contact for estimate in taken]
-        if any(math.isnan(contact) for contact in stated):
+        probabilities = [estimate.contact for estimate in recent]
+        if any(math.isnan(contact) for contact in probabilities):
             return magnitude_n <= self._settings.contact.contact_n
-        return max(stated) < MAX_CONTACT_PROBABILITY
+        return max(probabilities) < MAX_CONTACT_PROBABILITY
 
     def apply(self, estimate: ForceEstimate, now_ns: int) -> ForceEstimate:
         """Keeps an estimate of the method for the next zero, and subtracts the present zero from it.
@@ -109,32 +108,28 @@ class ZeroButton:
             now_ns: present time on the engine's clock.
 
         Returns:
-            The estimate without the zero. Its intervals span the force with and without it.
+            The estimate less the zero. Each of its intervals spans the force with and without the subtraction.
         """
         if not estimate.valid:
             return self._widened(estimate)
         self._recent.append((now_ns, estimate))
         if self._zero is None:
             return estimate
-        left = _vector(estimate) - self._subtracted(estimate)
-        self._follow_drift(estimate, left, now_ns)
-        offset = np.where(estimate.known, np.nan_to_num(self._zero.offset_n), 0.0)
-        magnitude = float(np.linalg.norm(left)) if estimate.known.any() else max(0.0, float(left[0]))
+        remainder_n = _vector(estimate) - self._subtracted(estimate)
+        self._follow_drift(estimate, remainder_n, now_ns)
+        # a method without components estimates the magnitude alone
+        magnitude = float(np.linalg.norm(remainder_n)) if estimate.known.any() else max(0.0, float(remainder_n[0]))
         low, high = np.maximum(0.0, estimate.magnitude_interval_n + (magnitude - estimate.magnitude_n))
         low = min(low, estimate.magnitude_interval_n[0])
         high = max(high, estimate.upper_n) if math.isfinite(high) else max(magnitude, estimate.upper_n)
-        moved = estimate.interval_n - offset[:, None]
-        ends = np.stack(
-            [
-                np.minimum(moved[:, 0], estimate.interval_n[:, 0]),
-                np.maximum(moved[:, 1], estimate.interval_n[:, 1]),
-            ],
-            axis=1,
-        )
+        offset = np.where(estimate.known, np.nan_to_num(self._zero.offset_n), 0.0)
+        shifted = estimate.interval_n - offset[:, None]
+        lower_ends = np.minimum(shifted[:, 0], estimate.interval_n[:, 0])
+        upper_ends = np.maximum(shifted[:, 1], estimate.interval_n[:, 1])
         return replace(
             estimate,
             force_n=estimate.force_n - offset,
-            interval_n=ends,
+            interval_n=np.stack([lower_ends, upper_ends], axis=1),
             magnitude_n=magnitude,
             magnitude_interval_n=np.array([low, high]),
         )
@@ -152,16 +147,23 @@ class ZeroButton:
         known = estimate.known
         return np.nan_to_num(self._zero.offset_n[known]) if known.any() else np.array([self._zero.magnitude_n])
 
-    def _follow_drift(self, estimate: ForceEstimate, left: FloatArray, now_ns: int) -> None:
+    def _follow_drift(self, estimate: ForceEstimate, remainder_n: FloatArray, now_ns: int) -> None:
+        """Averages the remainder after the zero in moments without contact: it is the drift since the zero.
+
+        Args:
+            estimate: the estimate; its probability of contact decides. NaN counts as contact.
+            remainder_n: its known components, (k,), or its magnitude, (1,), less the zero.
+            now_ns: present time on the engine's clock.
+        """
         zero = self._zero
         assert zero is not None
         if not estimate.contact < MAX_CONTACT_PROBABILITY:
             return
         if self._drift is None or zero.drift_ns is None:
-            self._drift = left
+            self._drift = remainder_n
         else:
             weight = min(1.0, (now_ns - zero.drift_ns) * 1e-9 / DRIFT_AVERAGE_S)
-            self._drift = self._drift + weight * (left - self._drift)
+            self._drift = self._drift + weight * (remainder_n - self._drift)
         self._zero = replace(zero, drift_n=float(np.linalg.norm(self._drift)), drift_ns=now_ns)
 
 

@@ -93,15 +93,19 @@ class EncodedUpdate:
             view: name of the view; if the update does not have it, all views are sent, side by side.
             pixels: requested width of the image; the image is never enlarged.
         """
-        view, image, about = self._view(view)
+        view, image, panels = self._view(view)
         wanted = (view, 0 if image is None else min(display_width(pixels), image.shape[1]))
-        with self._lock:
+        with self._lock:  # pages that want the same view and width share one message
             if wanted not in self._messages:
-                self._messages[wanted] = self._encode(image, wanted, about)
+                self._messages[wanted] = self._encode(image, wanted, panels)
             return self._messages[wanted]
 
     def _view(self, name: str) -> tuple[str, Image | None, dict[str, Any]]:
-        """Returns the name of the shown view or `ALL_VIEWS`, the image, and the panels in it."""
+        """Returns the name of the shown view or `ALL_VIEWS`, its image, and the JSON values on the views in it.
+
+        Args:
+            name: requested view; without an image of it all views are shown side by side, if there are several.
+        """
         frames = self._frames
         if name in frames or len(frames) < 2:
             view = name if name in frames else next(iter(frames), "")
@@ -109,8 +113,8 @@ class EncodedUpdate:
         image, begins_px = self._side_by_side
         height = next(iter(frames.values())).shape[0]
         panels = [
-            {"view": view, "begins_px": at, "scale": height / shown.shape[0]}
-            for (view, shown), at in zip(frames.items(), begins_px, strict=True)
+            {"view": view, "begins_px": column, "scale": height / frame.shape[0]}
+            for (view, frame), column in zip(frames.items(), begins_px, strict=True)
         ]
         return ALL_VIEWS, image, {"views": list(frames), "panels": panels}
 
@@ -125,13 +129,21 @@ class EncodedUpdate:
         there = {**update.frames, **update.beside} if update.frames else {}
         return {view: there[view] for view in dict.fromkeys([*update.reads, *there]) if view in there}
 
-    def _encode(self, image: Image | None, wanted: Wanted, about: dict[str, Any]) -> bytes:
+    def _encode(self, image: Image | None, wanted: Wanted, panels: dict[str, Any]) -> bytes:
+        """Returns the binary message: header, JSON and JPEG; its layout is in the description of this module.
+
+        Args:
+            image: (h, w) or (h, w, 3) image; None for a notice of the watchdog.
+            wanted: name of the view, and width of the JPEG in pixels.
+            panels: JSON values on the views in the image.
+        """
         jpeg = b"" if image is None else _jpeg(image, wanted[1], self._quality)
-        if self._numbers is None:
+        if self._numbers is None:  # the same for all images of the update
             values = update_values(self.update) | {"recent": self._recent}
             self._numbers = json.dumps(values, separators=(",", ":"), allow_nan=False).encode()
-        about |= {"view": wanted[0], "size": None if image is None else [image.shape[1], image.shape[0]]}
-        numbers = self._numbers[:-1] + b"," + json.dumps(about, separators=(",", ":")).encode()[1:]
+        panels |= {"view": wanted[0], "size": None if image is None else [image.shape[1], image.shape[0]]}
+        # joins both JSON objects into one, without encoding the numbers again
+        numbers = self._numbers[:-1] + b"," + json.dumps(panels, separators=(",", ":")).encode()[1:]
         update = self.update
         header = HEADER.pack(
             MAGIC, VERSION, HEADER.size, update.number & 0xFFFFFFFF, update.captured_ns, update.published_ns,
@@ -162,7 +174,7 @@ def side_by_side(images: Sequence[Image]) -> tuple[Image, list[int]]:
             part = np.repeat(part[:, :, None], 3, axis=2)
         if parts:
             parts.append(np.zeros((height, GAP_PX, *part.shape[2:]), np.uint8))
-        begins_px.append(sum(each.shape[1] for each in parts))
+        begins_px.append(sum(earlier.shape[1] for earlier in parts))
         parts.append(part)
     return np.concatenate(parts, axis=1), begins_px
 
@@ -215,6 +227,7 @@ def update_values(update: LiveUpdate) -> dict[str, Any]:
 
 
 def _clinical(update: LiveUpdate) -> dict[str, Any] | None:
+    """Returns contact state, probabilities, times and force-time integral as JSON values; None if not known."""
     state = update.clinical
     if state is None:
         return None
@@ -247,6 +260,7 @@ def _zero(zero: Zero, now_ns: int) -> dict[str, Any]:
 
 
 def _shape(shape: DetectedShape) -> dict[str, Any] | None:
+    """Returns the detected catheter as JSON values in image pixels, with few points; None without a centreline."""
     if shape.centreline is None or shape.base is None:
         return None
     points = shape.centreline.points
@@ -268,6 +282,7 @@ def _shape_beside(beside: ShapeBeside) -> dict[str, Any] | None:
 
 
 def _health(update: LiveUpdate) -> dict[str, Any]:
+    """Returns the health of the run as JSON values, with the message of each sink that hangs or failed."""
     health = update.health
     failing: Mapping[str, str] = {
         name: "does not answer" if sink.hung else sink.message

@@ -134,6 +134,10 @@ class PageSession:
                 await self._socket.send_text(text)
 
     async def _receive(self) -> None:
+        """Reads the commands of the page until it disconnects; a text that is no command gets a refusal.
+
+        A message that is not text, or is too long, does not come from our page: the socket is closed.
+        """
         while True:
             received = await self._socket.receive()
             if received["type"] == "websocket.disconnect":
@@ -166,6 +170,7 @@ class PageSession:
         task.add_done_callback(done)
 
     def _take(self, command: Command) -> None:
+        """Begins to execute a command, without waiting for its end; a stop has threads of its own."""
         match command:
             case Acknowledge():
                 if command.number == self._in_flight:
@@ -207,6 +212,7 @@ class PageSession:
         self._say(_answer(command.id, refusal))
 
     def _job(self, command: _Order) -> Callable[[], None]:
+        """Returns the function that executes a command. Raises InputError before the run has begun."""
         buttons = self._buttons
         match command:
             case ZeroForce():
@@ -235,6 +241,7 @@ class PageSession:
         getattr(loop, command.do)()
 
     def _record(self, on: bool) -> None:
+        """Starts or stops the recording, and shows that on all pages. Raises InputError if nothing can be recorded."""
         switch = self._hub.settings.on_record
         if switch is None:
             raise InputError("nothing can be recorded in this run")
@@ -249,6 +256,7 @@ class PageSession:
             self._hub.change(recording=False, recording_message="")
 
     def _set_limits(self, command: Limits) -> None:
+        """Sets force window and limit for the engine and all pages. Raises InputError if they are not plausible."""
         set_contact = self._hub.settings.on_contact
         if set_contact is None:
             raise InputError("window and limit cannot be set in this run")

@@ -48,8 +48,8 @@ def tip_force(estimate: ForceEstimate) -> TipForce | None:
         return None
     force = np.where(estimate.known, estimate.force_n, 0.0)
     size = float(np.linalg.norm(force))
-    axial = float(-force @ axis)
-    across = force + axial * axis
+    axial = float(-force @ axis)  # the tissue pushes against the tip's direction: compression is positive
+    across = force + axial * axis  # the rest, perpendicular to the tip
     lateral = float(np.linalg.norm(across))
     return TipForce(
         axial_n=axial,
@@ -64,23 +64,36 @@ def _tip_axis(shape: DetectedShape) -> FloatArray | None:
     assert shape.centreline is not None
     assert shape.base is not None
     points = shape.centreline.points
-    back = max(1, round(TIP_SHARE * (len(points) - 1)))
-    if len(points) <= back:
+    steps = max(1, round(TIP_SHARE * (len(points) - 1)))  # last 4 % of the centreline
+    if len(points) <= steps:
         return None
-    along = shape.base.axes_px @ (points[-1] - points[-1 - back])
+    along = shape.base.axes_px @ (points[-1] - points[-1 - steps])
     length = float(np.linalg.norm(along))
     return np.append(along, 0.0) / length if length > 0.0 else None
 
 
 def _angle_error_deg(estimate: ForceEstimate, axis: FloatArray, across: FloatArray, size: float) -> float:
-    """Returns the error from the covariance of the component that turns the force in the plane of tip and force."""
-    lateral = float(np.linalg.norm(across))
-    sideways = across / lateral if lateral > 1e-9 * size else np.array([-axis[1], axis[0], 0.0])
-    force = np.where(estimate.known, estimate.force_n, 0.0)
-    turning = -float(force @ axis) * sideways + lateral * axis
+    """Returns half of the 90 % interval of the angle between tip and force, in degrees, to first order.
+
+    A small change of the force turns it by the change's component perpendicular to the force, in the plane of tip and
+    force, over the magnitude of the force. The covariance gives the standard deviation of that component.
+
+    Args:
+        estimate: the estimate, with the covariance of its known components.
+        axis: (3,) unit vector along the tip, base frame.
+        across: (3,) part of the force across the tip, in newtons.
+        size: magnitude of the force in newtons.
+
+    Returns:
+        The error; NaN without a force or without a covariance.
+    """
     if not size > 0.0:
         return math.nan
+    lateral = float(np.linalg.norm(across))
+    # an axial force has no lateral direction: one in the image plane is taken
+    sideways = across / lateral if lateral > 1e-9 * size else np.array([-axis[1], axis[0], 0.0])
     known = estimate.known
-    turning = turning[known] / size
+    force = np.where(known, estimate.force_n, 0.0)
+    turning = (-float(force @ axis) * sideways + lateral * axis)[known] / size  # unit vector perpendicular to the force
     variance = float(turning @ estimate.covariance_n2[np.ix_(known, known)] @ turning)
     return math.degrees(GAUSS_90 * math.sqrt(max(0.0, variance)) / size) if math.isfinite(variance) else math.nan

@@ -68,7 +68,10 @@ class OpenIGTLink:
         self._unsent, self._left_out, self._taken_s = b"", None, time.monotonic()
 
     def put(self, update: LiveUpdate) -> None:
-        """Sends both messages. Raises OSError if the server is gone, or takes nothing for two seconds."""
+        """Sends both messages. Raises OSError if the server is gone, or takes nothing for two seconds.
+
+        While bytes of an earlier update wait for the server, this one is only kept: a later one replaces it.
+        """
         assert self._socket is not None
         self._refuse_end(self._socket)
         self._send(self._socket)
@@ -82,6 +85,7 @@ class OpenIGTLink:
         self._send(self._socket)
 
     def _packed(self, update: LiveUpdate) -> bytes:
+        """Returns the bytes of TRANSFORM (pose of the tip) and STRING (force as JSON), both stamped mid-exposure."""
         message = message_of(update, self._session, self._model).model_dump(mode="json")
         text = json.dumps({name: message[name] for name in SENT_FIELDS})  # ASCII: pyigtl packs nothing else
         pose = tip_pose(update, self._session)
@@ -105,8 +109,8 @@ class OpenIGTLink:
     def _refuse_end(connection: socket.socket) -> None:
         """Reads and drops the server's data. Raises ConnectionError if it closed, which a first send would not show."""
         try:
-            while said := connection.recv(READ_BYTES):
-                del said
+            while connection.recv(READ_BYTES):
+                pass
             raise ConnectionError("the OpenIGTLink server closed the connection")
         except BlockingIOError:
             pass  # nothing more to read: the server is connected

@@ -129,6 +129,7 @@ class JsonWebSocket:
             self._server = None
 
     def _serve(self, client: ServerConnection) -> None:
+        """Serves one client on a thread of its own, from the next message on, until it or the run ends."""
         with self._changed:
             self._clients += 1
             sent = self._count  # messages from before the connection are old

@@ -104,6 +104,7 @@ class OriginDoor:
         self._server.close()
 
     def _serve(self, client: ServerConnection) -> None:
+        """Connects one client with the protected server, on three threads: one for each direction, one between."""
         host, port = self._behind
         with self._left:
             self._clients += 1

@@ -26,8 +26,8 @@ class TipPose:
     @property
     def matrix(self) -> FloatArray:
         """(4, 4) from the tip's frame to the base frame, in mm; the tip's x axis points along it, z is the base's."""
-        (x, y), (c, s) = self.position_mm, self.direction
-        return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+        (x, y), (cos, sin) = self.position_mm, self.direction
+        return np.array([[cos, -sin, 0.0, x], [sin, cos, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def tip_pose(update: LiveUpdate, info: SessionInfo) -> TipPose | None:
@@ -47,12 +47,12 @@ def tip_pose(update: LiveUpdate, info: SessionInfo) -> TipPose | None:
     view = info.view(next(iter(update.reads or update.frames), "camera"))
     if view.metres_per_px is None or view.projection is not None:
         return None
-    points = shape.base.to_base(shape.centreline.points)
+    points = shape.base.to_base(shape.centreline.points)  # (n, 2) px in the base frame
     tip = points[-1]
     along = tip - points[-1 - max(1, round(TIP_SHARE * (len(points) - 1)))]
     length = float(np.hypot(*along))
     if length == 0.0:
         return None
-    x, y = (tip * view.metres_per_px * 1e3).tolist()
-    c, s = (along / length).tolist()
-    return TipPose((x, y), (c, s))
+    x_mm, y_mm = (tip * view.metres_per_px * 1e3).tolist()
+    cosine, sine = (along / length).tolist()
+    return TipPose((x_mm, y_mm), (cosine, sine))
