@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tipforce.cli import app
-from tipforce.pipelines._record import _RunDetector
+from tipforce.pipelines._run import RunDetector
 from tipforce.types import Catheter, Frame, Image, SessionInfo, ViewInfo, read_bench
 from tipforce.vision import SessionDetector, VisionSettings, _session_calibration, advise, draw_objects
 
@@ -151,7 +151,7 @@ def test_a_session_whose_images_come_one_by_one_gets_the_advice_once_they_are_re
 
 
 def test_an_import_without_a_clock_map_says_which_fact_finds_the_catheter(two_shafts: list[Image]) -> None:
-    detector = _RunDetector(SESSION, VisionSettings())
+    detector = RunDetector(SESSION, VisionSettings())
     for k in range(5 * len(two_shafts)):
         detector.take(Frame(k * 40_000_000, two_shafts[k // 5]))
     detector.finish()

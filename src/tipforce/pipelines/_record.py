@@ -1,8 +1,6 @@
 """Events -> one recording: everything is kept as it came; clock map, tare and inertia are found and stored."""
 
 import math
-from array import array
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,7 +15,6 @@ from ..alignment import (
     DetectedShapes,
     ForceCorrections,
     OffsetChoice,
-    StageMotion,
     TareChoice,
     changing_tare,
     contact_free_stretch,
@@ -31,21 +28,17 @@ from ..alignment import (
 from ..errors import InputError, TimeError, TipforceError
 from ..io import ClockMap, Fact, RecordingWriter, check_target
 from ..types import (
-    STAGE,
     Clock,
     Event,
     FloatArray,
     Frame,
-    Image,
     IntArray,
     SensorInfo,
     SessionInfo,
     Source,
-    Status,
-    Wrench,
-    ordered_views,
 )
-from ..vision import DetectedShape, ShapeDetector, VisionSettings, auto_calibrate, with_advice
+from ..vision import DetectedShape, VisionSettings
+from ._run import Run, RunDetector
 from ._summary import RecordingSummary, summarise_recording
 
 Analysis = Literal["afterwards", "along"]
@@ -56,11 +49,6 @@ _FEWEST = 5
 """Images with a force, without which an import is a mistake."""
 _LARGE_N = 10.0
 """A catheter buckles long before; a larger force is in another unit or a typing error."""
-_FIRST, _EVERY = (50, 100), 5
-"""Frames on which vision is calibrated first, ten images of them or every fifth: a catheter that waits for the first
-ones may be found in the second ones."""
-KEPT_IMAGES = 16
-"""Images from all over the run on which it is calibrated again, whenever the run has doubled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +156,7 @@ def record(
         if analysis == "along":
             remarks = write_run(writer, events, info, sensor, tare, ClockChoice(offset_ms), settings, progress)
         else:
-            run = _Run(progress)
+            run = Run(progress)
             for event in events:
                 writer.write(event)
                 run.add(event)
@@ -176,12 +164,13 @@ def record(
             for name, values in end.notes.items():
                 writer.note(name, dict(values))
             try:
-                sight = _RunDetector(info, settings) if offset_ms == "auto" and len(run.force[0]) else None
-                if sight:
+                # the clock map needs the catheter's shape in the images, and a force
+                detector = RunDetector(info, settings) if offset_ms == "auto" and len(run.force[0]) else None
+                if detector:
                     for frame in writer.written_frames():
-                        sight.take(frame)
-                clocks = ClockChoice(offset_ms)
-                remarks, _ = _state_facts(writer, run, sight, info, sensor, end.tare or tare, clocks)
+                        detector.take(frame)
+                clock_choice = ClockChoice(offset_ms)
+                remarks, _ = _state_facts(writer, run, detector, info, sensor, end.tare or tare, clock_choice)
             except BaseException as error:  # the file is the only copy of the run; facts can be found again
                 writer.close()
                 if isinstance(error, TipforceError):
@@ -242,13 +231,13 @@ def write_run(
         TimeError: images and force of files do not overlap, or their clock map cannot be determined. Of another source
             the recorded events are kept, without a map.
     """
-    run, sight = _Run(progress), _RunDetector(info, vision) if clock.offset_ms == "auto" or names else None
+    run, detector = Run(progress), RunDetector(info, vision) if clock.offset_ms == "auto" or names else None
     for event in events:
         writer.write(event)
-        if sight and isinstance(event, Frame):
-            sight.take(event)
+        if detector and isinstance(event, Frame):
+            detector.take(event)
         run.add(event)
-    remarks, clocks = _state_facts(writer, run, sight, info, sensor, tare, clock, names, status)
+    remarks, clocks = _state_facts(writer, run, detector, info, sensor, tare, clock, names, status)
     for event in knob(clocks) if knob else ():
         writer.write(event)
     return remarks
@@ -256,8 +245,8 @@ def write_run(
 
 def _state_facts(
     writer: RunWriter,
-    run: "_Run",
-    sight: "_RunDetector | None",
+    run: Run,
+    detector: RunDetector | None,
     info: SessionInfo,
     sensor: SensorInfo | None,
     tare: TareChoice,
@@ -265,20 +254,32 @@ def _state_facts(
     files: tuple[str, str] | None = None,
     status: IntArray | None = None,
 ) -> tuple[list[str], ClockMap]:
-    """Finds pose, plausible readings, tare, inertia and clock map, and stores them; returns remarks and the map."""
+    """Finds pose, plausible readings, tare, inertia and clock map of a run, in this order, and stores each.
+
+    Args:
+        writer: takes the facts.
+        run: stamps and readings of the events that were written.
+        detector: the shapes in the images; None where the clock map does not need them.
+        info: metadata of the session.
+        sensor: pose of the force sensor, in place of that in ``info``.
+        tare: see `import_session`.
+        clock: the stated offset of the clocks, or "auto".
+        files: names of images and force log, where they come from files.
+        status: (n,) status words of the force readings, 0 without an error.
+
+    Returns:
+        Remarks for people, and the clock map; that of one clock without force readings.
+
+    Raises:
+        InputError, TimeError: see `write_run` and `record`.
+    """
     names = files or ("the images", "the force")
     remarks: list[str] = []
     stamps, force = run.force
     if not len(stamps):
         return remarks, ClockMap()
-    if sight:
-        sight.finish()
-    seen = DetectedShapes(run.stamps(None))
-    if sight and sight.blind:
-        seen = DetectedShapes(run.stamps(None), [], sight.view, sight.blind)
-    elif sight:
-        seen = DetectedShapes(run.stamps(sight.view), sight.shapes, sight.view)
-    frames = seen.frame_ns
+    shapes = DetectedShapes(run.stamps(None)) if detector is None else detector.of_run(run)
+    frames = shapes.frame_ns
     _check_overlap(names, frames, stamps)
     pose = sensor or info.sensor
     if pose.angle_deg is None or pose.reads is None:
@@ -310,27 +311,26 @@ def _state_facts(
     most_n = float(np.nanmax(np.abs(force - level.force_n)))
     if most_n > _LARGE_N:
         remarks.append(f"the force log holds up to {most_n:.3g} N: check sensor.log.force_unit and its rows")
-    found = ForceCorrections(pose, level, inertia, stage, plausible)
+    corrections = ForceCorrections(pose, level, inertia, stage, plausible)
     # events of one program run on one clock; files may come from several
     shares = files is None or info.stage.clock == "camera"
     clocks, inertia = find_clock(
-        seen, info, stamps, force, found, clock, remarks, stage_shares=shares, nominal_rate=files is not None
+        shapes, info, stamps, force, corrections, clock, remarks, stage_shares=shares, nominal_rate=files is not None
     )
     writer.state(clocks)
-    own_clock = clocks.force_ns(frames)
-    found = replace(found, inertia=inertia)
+    corrections = replace(corrections, inertia=inertia)
     writer.state(inertia)
-    _check_tare(writer, own_clock, seen.shapes, stamps, force, found)
-    scale = info.view(seen.view).metres_per_px or 0.0
-    left_n, source = _remaining_inertia(seen, stamps, force, found, clocks, scale)
+    _check_tare(writer, clocks.force_ns(frames), shapes.shapes, stamps, force, corrections)
+    metres_per_px = info.view(shapes.view).metres_per_px or 0.0
+    remaining_n, source = _remaining_inertia(shapes, stamps, force, corrections, clocks, metres_per_px)
     try:
-        said = _check_inertia(found, left_n, source, names[1])
-    except InputError:
+        inertia_remarks = _check_inertia(corrections, remaining_n, source, names[1])
+    except InputError:  # the file is kept, but no reading may become a label
         writer.state(plausible.without(stamps, np.ones(len(stamps), np.bool_)))
         raise
-    if said:
-        remarks += said
-        writer.state(replace(inertia, detail=said[0]))
+    if inertia_remarks:
+        remarks += inertia_remarks
+        writer.state(replace(inertia, detail=inertia_remarks[0]))
     if clocks.how == "refused":
         why = f"how the camera's clock maps to that of {names[1]} cannot be determined: {clocks.detail}"
         if files:
@@ -344,28 +344,44 @@ _STATE_IT = (
     "minus force clock at the log's first row), and rate=RATE where the frame rate of the file is not the true one "
     "(true over stated: 0.8 if 24 images a second were taken and the file says 30)"
 )
-_SHAKEN_N = 3e-3
+_MIN_INERTIA_N = 3e-3
 """Inertia of which less remains is not worth a remark: the noise of a good sensor."""
 
 
 def _remaining_inertia(
-    seen: DetectedShapes, stamps: IntArray, force: FloatArray, found: ForceCorrections, clocks: ClockMap, scale: float
+    shapes: DetectedShapes,
+    stamps: IntArray,
+    force: FloatArray,
+    corrections: ForceCorrections,
+    clocks: ClockMap,
+    metres_per_px: float,
 ) -> tuple[float, str]:
-    """Returns the inertia in the labels, root mean square in N, and its source; 0 and "" if it is unknown.
+    """Estimates the inertia of the moving sensor that is still in the labels.
 
-    By the readings of the contact-free stretch; where nothing was removed, by the tip's acceleration in the images,
-    too: the stage may have been at rest in that stretch. ``scale``: metres per pixel, 0 where it is not known.
+    It comes from the readings of the contact-free stretch; where nothing was removed, from the tip's acceleration in
+    the images, too: the stage may have been at rest in that stretch.
+
+    Args:
+        shapes: detected shapes of the catheter.
+        stamps: (n,) stamps of the force readings, ns.
+        force: (n, 3) readings of the force, N.
+        corrections: tare, inertia and motion of the stage.
+        clocks: map between the clocks of camera and force.
+        metres_per_px: scale of the images; 0 where it is not known.
+
+    Returns:
+        Inertia in the labels, root mean square in N, and the source of that figure; 0 and "" if it is unknown.
     """
-    left_n = inertia_left(stamps, force, found.stage, found.tare, found.inertia)
-    mass_kg = found.sensor.moving_mass_kg if found.sensor else None
+    remaining_n = inertia_left(stamps, force, corrections.stage, corrections.tare, corrections.inertia)
+    mass_kg = corrections.sensor.moving_mass_kg if corrections.sensor else None
     by_readings = "as the readings in the contact-free stretch show"
-    if not mass_kg or found.inertia.how == "estimated" or left_n > MAX_INERTIA_N:
-        return left_n, by_readings
-    if scale and clocks.how != "refused":
-        pushed_n = mass_kg * tip_acceleration(clocks.force_ns(seen.frame_ns), seen.shapes, scale)
-        if pushed_n > 0.0:
-            return max(left_n, pushed_n), "as the tip's acceleration in the images shows"
-    return (left_n, by_readings) if left_n > _SHAKEN_N else (0.0, "")
+    if not mass_kg or corrections.inertia.how == "estimated" or remaining_n > MAX_INERTIA_N:
+        return remaining_n, by_readings
+    if metres_per_px and clocks.how != "refused":
+        acceleration_m_per_s2 = tip_acceleration(clocks.force_ns(shapes.frame_ns), shapes.shapes, metres_per_px)
+        if (by_images_n := mass_kg * acceleration_m_per_s2) > 0.0:
+            return max(remaining_n, by_images_n), "as the tip's acceleration in the images shows"
+    return (remaining_n, by_readings) if remaining_n > _MIN_INERTIA_N else (0.0, "")
 
 
 def _check_inertia(found: ForceCorrections, left_n: float, source: str, name: str) -> list[str]:
@@ -400,7 +416,7 @@ def _check_inertia(found: ForceCorrections, left_n: float, source: str, name: st
             f"{part} of {mass}, {1e3 * size_n:.0f} mN (root mean square), is removed as the contact-free stretch shows "
             f"it, at {60.0 * found.inertia.beat_hz:.1f} beats a minute; {1e3 * left_n:.1f} mN remain there"
         )
-    elif left_n > (_SHAKEN_N if mass_kg or stage else MAX_INERTIA_N):
+    elif left_n > (_MIN_INERTIA_N if mass_kg or stage else MAX_INERTIA_N):
         remarks.append(f"the labels hold {size}, {source}{why}; to remove it, {remedy}")
     elif mass_kg and not source:
         remarks.append(
@@ -453,122 +469,17 @@ def _check_tare(
     )
 
 
-class _Run:
-    """Memory of the written events: stamps of the frames, readings of the force, the stage."""
-
-    def __init__(self, progress: Callable[[int], None] | None) -> None:
-        self._progress, self._count = progress, 0
-        self._frames: list[tuple[int, str]] = []
-        self._force_ns, self._force_n = array("q"), array("d")  # an hour at 1 kHz takes 115 MB
-        self._stage: list[tuple[int, Mapping[str, float]]] = []
-
-    def add(self, event: Event) -> None:
-        """Remembers ``event``."""
-        if isinstance(event, Frame):
-            self._frames.append((event.stamp_ns, event.view))
-            self._count += 1
-            if self._progress:
-                self._progress(self._count)
-        elif isinstance(event, Wrench):
-            self._force_ns.append(event.stamp_ns)
-            self._force_n.extend(event.force_n)
-        elif event.stream == STAGE:
-            self._stage.append((event.stamp_ns, event.values))
-
-    def stamps(self, view: str | None) -> IntArray:
-        """Returns (n,) stamps of the frames of ``view``, or of all."""
-        return np.array([stamp for stamp, name in self._frames if view in (None, name)], dtype=np.int64)
-
-    @property
-    def force(self) -> tuple[IntArray, FloatArray]:
-        """(n,) stamps and (n, 3) readings."""
-        return np.frombuffer(self._force_ns, np.int64), np.frombuffer(self._force_n).reshape(-1, 3)
-
-    @property
-    def stage(self) -> StageMotion:
-        """Motion of the stage, where it has readings."""
-        return StageMotion.of(self._stage)
-
-
-class _RunDetector:
-    """Detects the catheter in each frame of one view, see `VisionSettings.for_views`."""
-
-    def __init__(self, info: SessionInfo, settings: VisionSettings) -> None:
-        self._context, self._settings = info, settings
-        self.blind = ""
-        """Why no catheter is detected at all, or empty."""
-        self.view = settings.view
-        self.shapes: list[DetectedShape] = []
-        self._detect: Callable[[Image], DetectedShape] | None = None
-        self._has_view = True
-        self._head: list[Frame] | None = []
-        self._counts: Counter[str] = Counter()
-        self._kept: list[Image] = []
-        self._every = _EVERY
-
-    def take(self, frame: Frame) -> None:
-        """Takes the next frame; the first ones wait until there are enough to resolve the detection on."""
-        if self._head is None:
-            self._look(frame)
-            return
-        self._head.append(frame)
-        self._counts[frame.view] += 1
-        if self._counts[frame.view] in _FIRST:
-            self._begin(last=self._counts[frame.view] == _FIRST[-1])
-
-    def finish(self) -> None:
-        """Detects the catheter in the first frames, even if there are few."""
-        if self._head is not None:
-            self._begin(last=True)
-
-    def _begin(self, *, last: bool) -> None:
-        """Resolves the detection and detects the catheter in the first frames; not ``last``: where it is found."""
-        head = self._head or []
-        images: list[Image] = []
-        try:
-            self._settings = self._settings.for_views(ordered_views(self._counts), self._context.name)
-            self.view = self._settings.view
-            images = [frame.image for frame in head if frame.view == self.view]
-            images = images[:: max(_EVERY, len(images) // 10)]
-            self._detect = self._calibrated(images)
-        except InputError as error:  # the recording is worth having without its clock map
-            if not last:
-                return
-            self._has_view = bool(images)
-            self.blind = with_advice(error, self._settings, images, self._context, whole=False)
-        self._head = None
-        for frame in head:
-            self._look(frame)
-
-    def _calibrated(self, images: list[Image]) -> Callable[[Image], DetectedShape]:
-        vision = auto_calibrate(self._settings, images, self._context, whole=False)
-        if vision.locator is not None and vision.locator.tracer:
-            # lines of one detector only: a change from one to the other looks like a movement of the tip
-            vision = vision.model_copy(update={"locator": None})
-        return ShapeDetector(vision).detect
-
-    def _look(self, frame: Frame) -> None:
-        if not self._has_view or frame.view != self.view:
-            return
-        unseen = DetectedShape(Status.NO_CATHETER, self.blind)
-        self.shapes.append(unseen if self._detect is None else self._detect(frame.image))
-        if again := self._calibrated_again(frame.image):
-            self._detect, self.blind = again, ""
-
-    def _calibrated_again(self, image: Image) -> Callable[[Image], DetectedShape] | None:
-        """Returns a detector calibrated on more of the run: a catheter at rest hides its background; None: not yet."""
-        if (len(self.shapes) - 1) % self._every == 0:
-            self._kept.append(image)
-        if len(self._kept) < 2 * KEPT_IMAGES:
-            return None
-        self._kept, self._every = self._kept[::2], 2 * self._every
-        try:
-            return self._calibrated(self._kept)
-        except InputError:
-            return None
-
-
 def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) -> None:
+    """Checks that images and force were recorded at the same time, before the clock map is searched.
+
+    Args:
+        names: names of images and force log, for the message.
+        frames: (n,) sorted stamps of the images, ns.
+        force: (m,) sorted stamps of the force readings, ns.
+
+    Raises:
+        TimeError: they do not overlap.
+    """
     if len(frames) and min(frames[-1], force[-1]) <= max(frames[0], force[0]):
         raise TimeError(
             f"{names[1]}: its {force[0] * 1e-9:.3f} to {force[-1] * 1e-9:.3f} s do not overlap with {names[0]}, "
@@ -578,7 +489,17 @@ def _check_overlap(names: tuple[str, str], frames: IntArray, force: IntArray) ->
 
 
 def _check_cover(names: tuple[str, str], frames: IntArray, force: IntArray, clock: ClockMap) -> list[str]:
-    """Returns a remark where many images get no force. Raises TimeError where almost none gets one."""
+    """Counts the images that get a force, and returns a remark where many get none.
+
+    Args:
+        names: names of images and force log.
+        frames: (n,) stamps of the images in ns, on the camera's clock.
+        force: (m,) stamps of the usable force readings in ns, on their own clock.
+        clock: map between both clocks.
+
+    Raises:
+        TimeError: almost no image gets a force: the clocks or the files do not go together.
+    """
     count = int(covered_frames(clock.force_ns(frames), force).sum())
     if count >= MIN_COVERED_SHARE * len(frames):
         return []

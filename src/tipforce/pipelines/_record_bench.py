@@ -107,11 +107,11 @@ class BenchRecording:
             return []
         self._hardware.__enter__()
         missing = self._hardware.wait_connected(_CONNECT_S)
-        said = [device.message or f"hardware.{device.name} does not answer" for device in missing]
-        if said and not self._partial:
+        faults = [device.message or f"hardware.{device.name} does not answer" for device in missing]
+        if faults and not self._partial:
             self._hardware.__exit__(None, None, None)
-            raise DeviceError(f"{'; '.join(said)}; to record without, state partial=True")
-        return said + [
+            raise DeviceError(f"{'; '.join(faults)}; to record without, state partial=True")
+        return faults + [
             f"hardware.{device.name}: {setting.name} is {_shown(setting.actual)}, not {_shown(setting.requested)} as "
             "asked for"
             for device in self._hardware.health()
@@ -173,25 +173,36 @@ class BenchRecording:
         lossless: bool,
         overwrite: bool,
     ) -> RecordingReport:
+        """Records a source that is open, and adds remarks on devices, speed and missing conditions; see `run`.
+
+        Args:
+            source: the devices or the simulated session.
+            clock: the clock of its stamps.
+            target: the recording (.mcap).
+            tare: see `import_session`.
+            offset_ms: see `import_session`.
+            lossless: keep images as PNG.
+            overwrite: replace a recording that is there already.
+        """
         info = source.session_info.updated(self._stated)
         self._watched = _Watched(source, clock, info, self._seconds, self.guide)
-        if self._stopped:
+        if self._stopped:  # before there was anything to stop
             self._watched.stop()
         report = record(
             self._watched, target, tare=tare, offset_ms=offset_ms, lossless=lossless, overwrite=overwrite,
             ended=self._ended,
         )  # fmt: skip
-        said = describe_health(self.health_at_end)
+        remarks = describe_health(self.health_at_end)
         if self._simulation is not None:
             faster = "use `tipforce simulate`, which needs no real time"
             slow = slow_bench(clock, self._simulation.settings.world.clock.fps, faster)
-            said += [slow] if slow else []
+            remarks += [slow] if slow else []
         if self.guide is not None:
             missing = missing_for_training(report.summary, self.guide)
-            said += [f"missing: {each}" for each in missing] or [
+            remarks += [f"missing: {condition}" for condition in missing] or [
                 f"you can train now: `tipforce train {target} -o models/svr`; record more sessions to judge it by"
             ]
-        return RecordingReport(report.summary, (*report.remarks, *said))
+        return RecordingReport(report.summary, (*report.remarks, *remarks))
 
     def _ended(self) -> Ended:
         """Returns the facts that are known at the end: clock, health and description of the devices; the guide's tare.
@@ -244,6 +255,7 @@ class _Watched(ClosedAtExit):
         return 0.0 if self._began_ns is None else (self.clock.now_ns() - self._began_ns) * 1e-9
 
     def __iter__(self) -> Iterator[Event]:
+        """Yields the events of the source until the duration has passed, the guide is done, or `stop` was called."""
         for event in self._source:
             if self._began_ns is None:
                 self._began_ns = event.stamp_ns
@@ -257,9 +269,8 @@ class _Watched(ClosedAtExit):
             over = self._seconds is not None and event.stamp_ns - self._began_ns >= self._seconds * 1e9
             if over or self._stopped or (self._guide is not None and self._guide.done):
                 self.stop()
-                if not isinstance(
-                    self._source, HardwareSource
-                ):  # a hardware source yields the arrived events, then ends
+                # a hardware source ends by itself, after the events that have arrived
+                if not isinstance(self._source, HardwareSource):
                     return
 
     def health(self) -> tuple[DeviceHealth, ...]:
@@ -284,21 +295,21 @@ def _stream(event: Event) -> tuple[str, Any]:
 
 def describe_health(devices: tuple[DeviceHealth, ...]) -> list[str]:
     """Returns one line for each device or stream with a fault during the recording."""
-    said: list[str] = []
+    lines: list[str] = []
     for device in devices:
-        found = [f"{count} {kind}" for kind, count in sorted(device.counts.items()) if count]
+        faults = [f"{count} {kind}" for kind, count in sorted(device.counts.items()) if count]
         if device.connections > 1:
-            found.append(f"connected {device.connections} times")
+            faults.append(f"connected {device.connections} times")
         for stream in device.streams:
             if stream.dropped:
-                found.append(f"{stream.dropped} of {stream.stream.name} dropped, for the writing was behind")
+                faults.append(f"{stream.dropped} of {stream.stream.name} dropped, for the writing was behind")
             if stream.unsorted:
-                found.append(f"{stream.unsorted} of {stream.stream.name} refused, for their stamps did not rise")
+                faults.append(f"{stream.unsorted} of {stream.stream.name} refused, for their stamps did not rise")
             if not stream.count:
-                found.append(f"nothing came of {stream.stream.name}")
-        if found:
-            said.append(f"{device.name}: {', '.join(found)}" + (f" ({device.message})" if device.message else ""))
-    return said
+                faults.append(f"nothing came of {stream.stream.name}")
+        if faults:
+            lines.append(f"{device.name}: {', '.join(faults)}" + (f" ({device.message})" if device.message else ""))
+    return lines
 
 
 def _shown(value: object) -> str:
@@ -310,6 +321,7 @@ def _json(value: object) -> str:
 
 
 def _finite(value: Any) -> Any:
+    """Returns a JSON value in which each number that JSON does not have (NaN, infinite) is None, also inside."""
     if isinstance(value, Mapping):
         return {str(key): _finite(each) for key, each in value.items()}  # pyright: ignore[reportUnknownArgumentType]
     if isinstance(value, list | tuple):
