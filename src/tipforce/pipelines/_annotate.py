@@ -187,7 +187,12 @@ class AnnotationJob:
                 yield server
 
     def _choose(self, count: int, report: Progress) -> None:
-        """Adds frames to the store until it has ``count``."""
+        """Adds frames to the store until it has ``count``: frames that differ, and in which detection is uncertain.
+
+        Args:
+            count: number of frames.
+            report: called with the current step and the share that is done.
+        """
         lacking = count - len(self.store.frames)
         if lacking <= 0:
             return
@@ -199,11 +204,11 @@ class AnnotationJob:
                 candidates.append(candidate)
 
         def uncertainty(pool: Sequence[Candidate]) -> list[float]:
-            found: dict[str, float] = {}
-            for name, image in self.images.each([each.name for each in pool]):
-                report("detecting the catheter in frames that differ", len(found) / len(pool))
-                found[name] = uncertainty_of(self._detect(name, image))
-            return [found[each.name] for each in pool]
+            by_name: dict[str, float] = {}  # images are read in the order of the file
+            for name, image in self.images.each([candidate.name for candidate in pool]):
+                report("detecting the catheter in frames that differ", len(by_name) / len(pool))
+                by_name[name] = uncertainty_of(self._detect(name, image))
+            return [by_name[candidate.name] for candidate in pool]
 
         if candidates:
             self.store.add(MarkedFrame.empty(name) for name in choose_frames(candidates, lacking, uncertainty))
@@ -216,6 +221,7 @@ class AnnotationJob:
         return images
 
     def _detect(self, name: str, image: Image) -> DetectedShape:
+        """Returns the shape in the frame ``name``; shapes, and the detector of each session, are kept."""
         if name in self._shapes:
             return self._shapes[name]
         session = self.images.session_of(name)
@@ -228,6 +234,7 @@ class AnnotationJob:
     def _fine_tune(
         self, annotations: Sequence[Annotation], images: Sequence[Image], progress: Progress
     ) -> TrainedDetector:
+        """Fine-tunes the detector, and names its folder in ``bench.toml`` if there is one; see `fine_tune_locator`."""
         from ._fine_tune_locator import fine_tune_locator
 
         trained = fine_tune_locator(annotations, images, self.detector, on_progress=progress)

@@ -26,21 +26,26 @@ def bounds_from(dataset: "Dataset", folder: Path, progress: Callable[[str, float
     from ..evaluation import CramerRaoBounds, bound_at
     from ..limits import describe_nuisances, read_companion_bounds
 
-    found = read_companion_bounds(sorted(folder.rglob("*.truth.npz")), dataset.sessions, progress=progress)
-    whole = [each for each in found if not each.rejection_reason]
-    missing = Counter(each.rejection_reason for each in found if each.rejection_reason)
-    notes = [f"No bound for {count} session{'s' * (count > 1)}: {why}." for why, count in missing.items()]
-    unstable = sum(int(np.isnan(each.std_n["one_frame"][:, 0]).sum()) for each in whole)
+    sessions = read_companion_bounds(sorted(folder.rglob("*.truth.npz")), dataset.sessions, progress=progress)
+    bounded = [session for session in sessions if not session.rejection_reason]
+    rejected = Counter(session.rejection_reason for session in sessions if session.rejection_reason)
+    notes = [f"No bound for {count} session{'s' * (count > 1)}: {why}." for why, count in rejected.items()]
+    unstable = sum(int(np.isnan(session.std_n["one_frame"][:, 0]).sum()) for session in bounded)
     if unstable:
         notes.append(f"No bound for {unstable} frames in which no stable shape under a dead force was found.")
-    if not whole:
+    if not bounded:
         return CramerRaoBounds({}, np.full(len(dataset), np.nan), (), tuple(notes))
-    ways = list(whole[0].std_n)
+    # All values of a frame in one row: three components for each kind of bound (one frame, whole session, ...), and the
+    # contact angle. `bound_at` picks the row of each sample; then the columns are taken apart again.
+    kinds = list(bounded[0].std_n)
     rows = {
-        each.session: (each.stamp_ns, np.column_stack([*(each.std_n[way] for way in ways), each.contact_angle_deg]))
-        for each in whole
+        session.session: (
+            session.stamp_ns,
+            np.column_stack([*(session.std_n[kind] for kind in kinds), session.contact_angle_deg]),
+        )
+        for session in bounded
     }
-    *columns, angle = np.split(bound_at(dataset, rows), range(3, 3 * len(ways) + 1, 3), axis=1)
+    *columns, angle = np.split(bound_at(dataset, rows), range(3, 3 * len(kinds) + 1, 3), axis=1)
     return CramerRaoBounds(
-        dict(zip(ways, columns, strict=True)), angle[:, 0], tuple(describe_nuisances(whole)), tuple(notes)
+        dict(zip(kinds, columns, strict=True)), angle[:, 0], tuple(describe_nuisances(bounded)), tuple(notes)
     )

@@ -70,12 +70,12 @@ class CalibrateReport:
     @property
     def written_keys(self) -> tuple[str, ...]:
         """Keys of ``bench.toml`` that are written."""
-        return (*(each.key for each in self.changes), *SessionInfo(views=self.views).stated_keys())
+        return (*(quantity.key for quantity in self.changes), *SessionInfo(views=self.views).stated_keys())
 
     @property
     def changes(self) -> tuple[Quantity, ...]:
         """Quantities that are good enough to be written."""
-        return tuple(each for each in self.quantities if each.key and each.written and each.known)
+        return tuple(quantity for quantity in self.quantities if quantity.key and quantity.written and quantity.known)
 
     def bench_text(self, text: str | None = None, where: str = "bench.toml") -> str:
         """Returns the text of a ``bench.toml`` with the found values, each with a comment.
@@ -88,22 +88,23 @@ class CalibrateReport:
             InputError: ``text`` cannot be edited.
         """
         source = ", ".join(self.sources[:3]) + (f" and {len(self.sources) - 3} more" if len(self.sources) > 3 else "")
-        values: dict[str, tuple[Any, str]] = {}
-        for each in self.changes:
-            scale = 0.01 if each.unit == "%" else 1.0
-            note = f"+- {scale * each.std:.2g}; tipforce calibrate, {date.today().isoformat()}, {source}"
-            value = each.stated if each.stated is not None else _rounded(each.value, each.std)
-            values[each.key] = (value, note)
-            section, _, name = each.key.rpartition(".")
-            if name in _UNCERTAINTIES and 0.0 < each.std < abs(each.value):
-                relative = float(f"{each.std / abs(each.value):.3g}")
+        origin = f"tipforce calibrate, {date.today().isoformat()}, {source}"
+        values: dict[str, tuple[Any, str]] = {}  # key -> value and comment
+        for quantity in self.changes:
+            scale = 0.01 if quantity.unit == "%" else 1.0  # the file has shares
+            value = quantity.stated if quantity.stated is not None else _rounded(quantity.value, quantity.std)
+            values[quantity.key] = (value, f"+- {scale * quantity.std:.2g}; {origin}")
+            section, _, name = quantity.key.rpartition(".")
+            if name in _UNCERTAINTIES and 0.0 < quantity.std < abs(quantity.value):
+                relative = float(f"{quantity.std / abs(quantity.value):.3g}")
                 values[f"{section}.{_UNCERTAINTIES[name]}"] = (relative, f"of {name}, relative")
         for name, view in SessionInfo(views=self.views).values().get("views", {}).items():
-            note = f"tipforce calibrate, {date.today().isoformat()}, {source}"
-            values |= {f"views.{name}.{key}": (value, note) for key, value in view.items()}
-        own = {name: self.info.view(name) for name in self.views} | dict(self.info.views)
-        made = bench_text(replace(self.info, name="", views=own)) if text is None else text
-        return edited_bench(made, values, where)
+            values |= {f"views.{name}.{key}": (value, origin) for key, value in view.items()}
+        if text is None:
+            # a view must have a section, into which its values are written
+            views = {name: self.info.view(name) for name in self.views} | dict(self.info.views)
+            text = bench_text(replace(self.info, name="", views=views))
+        return edited_bench(text, values, where)
 
     def figures(self) -> dict[str, Any]:
         """Returns the report as JSON values."""
@@ -160,36 +161,38 @@ def calibrate(
         InputError: there is nothing to calibrate from, or the input is not sufficient.
     """
     report = progress or no_progress
-    given = [Path(each) for each in ([recordings] if isinstance(recordings, str | Path) else recordings)]
+    inputs = _paths(recordings)
     info = session_info_from(bench)
-    boards = [] if board is None else [Path(each) for each in ([board] if isinstance(board, str | Path) else board)]
-    dicom = [path for path in given if is_dicom(path)]
-    pair = len(boards) == 2 and not any(is_image(each) for each in boards)
-    ways = {
+    boards = [] if board is None else _paths(board)
+    dicom = [path for path in inputs if is_dicom(path)]
+    pair = len(boards) == 2 and not any(is_image(path) for path in boards)
+    # Views alone are calibrated in one of five ways. None of them goes together with another, or with the bench's ways.
+    view_ways = {
         "DICOM": bool(dicom),
         "a pair of boards": pair,
         "view_poses=True": view_poses,
         "by_diameter=True": by_diameter,
+        "beads": beads is not None,
     }
-    ways["beads"] = beads is not None
-    named = [way for way, wanted in ways.items() if wanted]
-    others = {
-        "recordings": len(given) > len(dicom) and not (view_poses or by_diameter),
+    bench_ways = {
+        "recordings": len(inputs) > len(dicom) and not (view_poses or by_diameter),
         "a board": bool(boards) and not pair,
+        "a ruler": ruler is not None,
+        "contact_free=True": contact_free,
     }
-    others |= {"a ruler": ruler is not None, "contact_free=True": contact_free}
-    if named and (rest := [*named[1:], *(way for way, wanted in others.items() if wanted)]):
+    chosen = [way for way, wanted in view_ways.items() if wanted]
+    if chosen and (excess := [*chosen[1:], *(way for way, wanted in bench_ways.items() if wanted)]):
         raise InputError(
-            f"calibrate: {named[0]} is one way to calibrate views, without the bench; leave out {', '.join(rest)}, and "
-            "calibrate from that in a second command"
+            f"calibrate: {chosen[0]} is one way to calibrate views, without the bench; leave out {', '.join(excess)}, "
+            "and calibrate from that in a second command"
         )
     if dicom:
-        return _views_report(views_from_dicom(given, info), info, given)
+        return _views_report(views_from_dicom(inputs, info), info, inputs)
     if beads is not None:
         return _views_report(views_from_beads(Path(beads), info), info, [Path(beads)])
     if pair:
         return _views_report(views_from_boards(boards, board_settings or BoardSettings(), info), info, boards)
-    paths = [path for each in given for path in _recordings(each)]
+    paths = [path for each in inputs for path in _recordings(each)]
     if view_poses:
         if not paths:
             raise InputError("view_poses=True: name a recording of two views")
@@ -199,22 +202,24 @@ def calibrate(
         if not paths:
             raise InputError("by_diameter=True: name a recording")
         return _scales_report(paths[0], info)
+    # the scale of a view comes first: the recordings are read with it
     quantities: list[Quantity] = []
-    found: BoardResult | None = None
+    board_result: BoardResult | None = None
     sources = [path.name for path in paths]
     if boards:
         files = _images(boards)
-        found = calibrate_board([read_image(path) for path in files], board_settings or BoardSettings())
-        quantities.append(_scale(found.quantity, view, info))
+        board_result = calibrate_board([read_image(path) for path in files], board_settings or BoardSettings())
+        quantities.append(_scale(board_result.quantity, view, info))
         sources.append(files[0].name)
-    if ruler is not None:
-        made = _scale(scale_from_ruler(ruler[:4], ruler[4]), view, info)
-        quantities.append(replace(made, written=found is None))
+    if ruler is not None:  # with a board it is only shown beside it: the board is more accurate
+        by_ruler = _scale(scale_from_ruler(ruler[:4], ruler[4]), view, info)
+        quantities.append(replace(by_ruler, written=board_result is None))
         sources.append("ruler")
     if not (paths or quantities):
         raise InputError("recordings, board and ruler are all missing: name at least one to calibrate from")
+    lens_remarks = _lens_remarks(board_result)
     if not paths:
-        return CalibrateReport(tuple(quantities), _lens_remarks(found), info, None, found, {}, tuple(sources))
+        return CalibrateReport(tuple(quantities), lens_remarks, info, None, board_result, {}, tuple(sources))
     if quantities:
         info = info.updated(SessionInfo(views={view: ViewInfo(metres_per_px=quantities[0].value)}))
     sessions = []
@@ -232,17 +237,20 @@ def calibrate(
     )
     by_shaft = scale_from_diameter(sessions)
     quantities += [] if by_shaft is None else [by_shaft]
-    made = CalibrateReport(
-        (*quantities, *calibration.quantities),
-        (*_lens_remarks(found), *calibration.remarks),
-        sessions[0].info,
-        calibration,
-        found,
-        {},
-        tuple(sources),
+    result = CalibrateReport(
+        quantities=(*quantities, *calibration.quantities),
+        remarks=(*lens_remarks, *calibration.remarks),
+        info=sessions[0].info,
+        calibration=calibration,
+        board=board_result,
+        views={},
+        sources=tuple(sources),
     )
-    limits = limits_calibrated(sessions, made.calibrated_info)
-    return replace(made, limits=limits)
+    return replace(result, limits=limits_calibrated(sessions, result.calibrated_info))
+
+
+def _paths(paths: Path | str | Sequence[Path | str]) -> list[Path]:
+    return [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
 
 
 def _views_report(found: CalibratedViews, info: SessionInfo, sources: Sequence[Path]) -> CalibrateReport:
@@ -251,31 +259,34 @@ def _views_report(found: CalibratedViews, info: SessionInfo, sources: Sequence[P
 
 
 def _scales_report(path: Path, info: SessionInfo) -> CalibrateReport:
+    """Returns the scale of each view of a recording, from the stated diameter of the shaft."""
     with RecordingReader(path) as reader:
-        own = reader.session_info.updated(info)
+        updated_info = reader.session_info.updated(info)
         views = ordered_views(reader.views)
-    scales = tuple(scale_from_shaft(path, view, own) for view in views)
+    scales = tuple(scale_from_shaft(path, view, updated_info) for view in views)
     remark = "blur and shadow move the flanks of the shaft: better, measure the scale with a ruler or a board"
-    return CalibrateReport(scales, (remark,), own, None, None, {}, (path.name,))
+    return CalibrateReport(scales, (remark,), updated_info, None, None, {}, (path.name,))
 
 
 def _recordings(path: Path) -> list[Path]:
+    """Returns the recordings of a folder, or the one that ``path`` is. Raises InputError if there is none."""
     if path.is_dir():
-        found = sorted(path.glob("*.mcap"))
-        if not found:
+        recordings = sorted(path.glob("*.mcap"))
+        if not recordings:
             raise InputError(f"{path}: holds no recording (.mcap); make one with `tipforce import`")
-        return found
+        return recordings
     if path.suffix != ".mcap":
         raise InputError(f"{path}: is no recording (.mcap); make one of video and logs with `tipforce import`")
     return [path]
 
 
-def _images(given: Sequence[Path]) -> list[Path]:
+def _images(paths: Sequence[Path]) -> list[Path]:
+    """Returns the image files among ``paths`` and in the folders among them. Raises InputError if there is none."""
     files: list[Path] = []
-    for each in given:
-        files += sorted(path for path in each.iterdir() if is_image(path)) if each.is_dir() else [each]
+    for path in paths:
+        files += sorted(file for file in path.iterdir() if is_image(file)) if path.is_dir() else [path]
     if not files:
-        raise InputError(f"board: {given[0]} holds no image")
+        raise InputError(f"board: {paths[0]} holds no image")
     return files
 
 
@@ -284,6 +295,7 @@ def _scale(quantity: Quantity, view: str, info: SessionInfo) -> Quantity:
 
 
 def _lens_remarks(board: BoardResult | None) -> tuple[str, ...]:
+    """Returns the remark on the distortion of the lens, or on images that are missing for it; none without a board."""
     if board is None:
         return ()
     if board.distortion is None:
@@ -294,7 +306,7 @@ def _lens_remarks(board: BoardResult | None) -> tuple[str, ...]:
 
 
 def _rounded(value: float, std: float) -> float:
-    """Rounds ``value`` to a tenth of its standard deviation."""
+    """Rounds ``value`` to a tenth of its standard deviation or finer; as it is where the deviation is not known."""
     if not (math.isfinite(std) and std > 0.0 and value):
         return value
     digits = max(1, math.ceil(math.log10(abs(value) / std)) + 2)
@@ -312,18 +324,15 @@ def _shown(value: float | None, std: float) -> str:
 def describe_calibration(report: CalibrateReport) -> list[str]:
     """Returns a table, one line a quantity, then the remarks, and the unknown that limits the force from now on."""
     rows = [("quantity", "value", "+-", "", "before", "doubt")]
-    for each in report.quantities:
-        std = f"{each.std:.2g}" if math.isfinite(each.std) else "?"
-        mark = each.doubt or ("" if each.written or not each.key else "kept as stated")
-        rows.append((each.name, _shown(each.value, each.std), std, each.unit, _shown(each.before, 0.0), mark))
+    for quantity in report.quantities:
+        value, std = _shown(quantity.value, quantity.std), f"{quantity.std:.2g}" if math.isfinite(quantity.std) else "?"
+        mark = quantity.doubt or ("" if quantity.written or not quantity.key else "kept as stated")
+        rows.append((quantity.name, value, std, quantity.unit, _shown(quantity.before, 0.0), mark))
+    # all columns but the last are padded: names and units on the right, numbers on the left
     widths = [max(len(row[k]) for row in rows) for k in range(5)]
-    lines = [
-        "  ".join(
-            [row[0].ljust(widths[0]), row[1].rjust(widths[1]), row[2].rjust(widths[2]), row[3].ljust(widths[3]),
-             row[4].rjust(widths[4]), row[5]]
-        ).rstrip()
-        for row in rows
-    ]  # fmt: skip
+    justify = (str.ljust, str.rjust, str.rjust, str.ljust, str.rjust)
+    cells = [[pad(cell, width) for pad, cell, width in zip(justify, row[:5], widths, strict=True)] for row in rows]
+    lines = ["  ".join((*padded, row[5])).rstrip() for padded, row in zip(cells, rows, strict=True)]
     remarks = list(report.remarks)
     if report.limits is not None and report.limits.measurable:
         remarks.append(f"with these values the force is limited by {report.limits.text()}")

@@ -50,46 +50,55 @@ def _knob(axes: Axes, results: tuple[SessionResult, ...]) -> None:
 
 
 def _one_knob(axes: Axes, knob: KnobFit, *, first: bool) -> None:
-    for way, name, colour in (
+    """Draws the measured curvatures of one session by turning direction, and the two lines of the fitted play.
+
+    Args:
+        axes: the axes.
+        knob: the fit of the session.
+        first: whether it is the first session, whose points get the legend.
+    """
+    for direction, name, colour in (
         (1.0, "turned up", COLOURS[1]),
         (-1.0, "turned down", COLOURS[0]),
         (0.0, "at rest", GREY),
     ):
-        rows = knob.turning == way
+        rows = knob.turning == direction
         if rows.any():
             axes.plot(
                 knob.knob_deg[rows], knob.measured_per_m[rows], ".", ms=4, alpha=0.6, color=colour,
                 label=name if first else None,
             )  # fmt: skip
     if np.isfinite(knob.gain_per_m_deg):
-        half = 0.5 * knob.play_deg if np.isfinite(knob.play_deg) else 0.0
+        half_play = 0.5 * knob.play_deg if np.isfinite(knob.play_deg) else 0.0
         ends = np.array([knob.low_deg, knob.high_deg])
-        for side, colour in ((-half, COLOURS[1]), (half, COLOURS[0])):
-            axes.plot(ends, knob.offset_per_m + knob.gain_per_m_deg * (ends + side), color=colour, lw=1.2)
+        for shift, colour in ((-half_play, COLOURS[1]), (half_play, COLOURS[0])):
+            axes.plot(ends, knob.offset_per_m + knob.gain_per_m_deg * (ends + shift), color=colour, lw=1.2)
 
 
 def _forces(axes: Axes, results: tuple[SessionResult, ...]) -> None:
+    """Draws the force components in N of the rod model over those of the sensor, with the diagonal."""
     _title(axes, "force: sensor and calibrated rod", "sensor, N", "rod, from the line alone, N")
-    some = [each.shown for each in results if len(each.shown[0])]
-    if not some:
+    with_force = [result.shown for result in results if len(result.shown[0])]
+    if not with_force:
         _nothing(axes, "no forces")
         return
-    read, told = (np.concatenate([shown[k] for shown in some]) for k in (1, 2))
+    sensor_n, rod_n = (np.concatenate([shown[k] for shown in with_force]) for k in (1, 2))
     for axis in (0, 1):
-        axes.plot(read[:, axis], told[:, axis], ".", ms=4, alpha=0.6, color=COLOURS[axis], label=f"f{'xy'[axis]}")
-    ends = [float(np.nanmin([read, told])), float(np.nanmax([read, told]))]
+        axes.plot(sensor_n[:, axis], rod_n[:, axis], ".", ms=4, alpha=0.6, color=COLOURS[axis], label=f"f{'xy'[axis]}")
+    ends = [float(np.nanmin([sensor_n, rod_n])), float(np.nanmax([sensor_n, rod_n]))]
     axes.plot(ends, ends, color=INK, lw=0.8)
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(frameon=False, fontsize=8, loc="upper left")
 
 
 def _tissue(axes: Axes, results: tuple[SessionResult, ...]) -> None:
+    """Draws force over depth with the fitted law of the tissue of each session, or why there is none."""
     _title(axes, "tissue: force over depth", "depth of the tip, mm", "force across the surface, N")
-    found = [each.tissue for each in results if each.tissue is not None]
-    if not found:
-        _nothing(axes, next((each.reasons.get("tissue", "") for each in results), "") or "no contact")
+    tissues = [result.tissue for result in results if result.tissue is not None]
+    if not tissues:
+        _nothing(axes, next((result.reasons.get("tissue", "") for result in results), "") or "no contact")
         return
-    for number, tissue in enumerate(found):
+    for number, tissue in enumerate(tissues):
         colour = COLOURS[number % len(COLOURS)]
         axes.plot(1e3 * tissue.depth_at_m, tissue.force_n, ".", ms=2.5, alpha=0.35, color=colour, rasterized=True)
         axes.plot(1e3 * tissue.law_m, tissue.law_n, color=INK, lw=1.4)

@@ -39,6 +39,8 @@ _TURNS = ("about the image's right", "about the image's down", "about the viewin
 _SHIFTS = ("along the image's right", "along the image's down", "along the viewing direction")
 BEAD_COLUMNS = ("view", "u_px", "v_px", "x_mm", "y_mm", "z_mm")
 """Columns of a table of beads: pixel, and position in the phantom's frame."""
+_MIN_SCALE_SHARE = 1e-4
+"""Smallest relative uncertainty of a scale that is written: exact beads would give 0, which no file may state."""
 _EXACT = (0.0, 0.0, 0.0)
 """Uncertainties of the first view of a pair, to which the pose of the second one is relative."""
 MAX_BOARD_FRAMES = 30
@@ -75,8 +77,8 @@ def views_from_dicom(paths: Sequence[Path], info: SessionInfo) -> CalibratedView
         raise InputError(f"{paths[2]}: one view or two are calibrated from DICOM at a time, got {len(paths)} files")
     named = SessionInfo(views={name: ViewInfo() for name in info.views})
     source = FilesOfViews(paths, named) if len(paths) == 2 else FileSource(paths[0], {}, named)
-    found = {name: source.session_info.view(name) for name in source.views}
-    if all(view.metres_per_px is None for view in found.values()):
+    views = {name: source.session_info.view(name) for name in source.views}
+    if all(view.metres_per_px is None for view in views.values()):
         raise InputError(" ".join(source.remarks) or f"{paths[0]}: its header states no geometry of an X-ray view")
     quantities = [
         Quantity(
@@ -87,10 +89,10 @@ def views_from_dicom(paths: Sequence[Path], info: SessionInfo) -> CalibratedView
             1,
             before=info.view(name).metres_per_px,
         )
-        for name, view in found.items()
+        for name, view in views.items()
         if view.metres_per_px is not None
     ]
-    return CalibratedViews(found, tuple(quantities), source.remarks)
+    return CalibratedViews(views, tuple(quantities), source.remarks)
 
 
 def views_from_boards(boards: Sequence[Path], settings: BoardSettings, info: SessionInfo) -> CalibratedViews:
@@ -118,10 +120,11 @@ def views_from_boards(boards: Sequence[Path], settings: BoardSettings, info: Ses
     uncertainties = (_EXACT, _EXACT), _uncertainties(pair.stds)
     views: dict[str, ViewInfo] = {}
     quantities: list[Quantity] = []
-    for place, (name, camera) in enumerate(zip(names, pair.cameras, strict=True)):
-        scale = pair.scales_m_per_px[place]
+    for k, (name, camera) in enumerate(zip(names, pair.cameras, strict=True)):
+        scale = pair.scales_m_per_px[k]
+        # relative error of the scale: of the printed board, and of the camera's distance
         share = math.hypot(PRINT_STD_SHARE, pair.stds[5] / camera.camera_from_world.translation_m[2])
-        views[name] = replace(_at_board(camera, scale, share, uncertainties[place]), modality="camera")
+        views[name] = replace(_at_board(camera, scale, share, uncertainties[k]), modality="camera")
         before = info.view(name).metres_per_px
         quantities.append(Quantity(f"scale of {name}, at the board", scale, scale * share, "m/px", 1, before=before))
     quantities += [
@@ -131,7 +134,7 @@ def views_from_boards(boards: Sequence[Path], settings: BoardSettings, info: Ses
             strict=True,
         )
     ]  # fmt: skip
-    lens = max(_lens_px(camera, images[place][0]) for place, camera in enumerate(pair.cameras))
+    lens = max(_lens_px(camera, images[k][0]) for k, camera in enumerate(pair.cameras))
     return CalibratedViews(
         views,
         tuple(quantities),
@@ -161,21 +164,28 @@ def views_from_beads(table: Path, info: SessionInfo) -> CalibratedViews:
     quantities: list[Quantity] = []
     remarks: list[str] = []
     for name in ordered_views(rows):
-        values = np.array(rows[name])
-        found = calibrate_beads(1e-3 * values[:, 2:], values[:, :2], f"{table}, view {name}")
-        distance = float(found.camera.camera_from_world.translation_m[2])
-        scale, share = distance / float(found.camera.focal_px[1]), float(found.stds[5]) / distance
-        views[name] = _at_board(found.camera, scale, max(1e-4, share), _uncertainties(found.stds))
+        beads = np.array(rows[name])
+        result = calibrate_beads(1e-3 * beads[:, 2:], beads[:, :2], f"{table}, view {name}")
+        distance_m = float(result.camera.camera_from_world.translation_m[2])
+        scale, share = distance_m / float(result.camera.focal_px[1]), float(result.stds[5]) / distance_m
+        views[name] = _at_board(result.camera, scale, max(_MIN_SCALE_SHARE, share), _uncertainties(result.stds))
         before = info.view(name).metres_per_px
         quantities.append(Quantity(f"scale of {name}, at the phantom", scale, scale * share, "m/px", 1, before=before))
-        remarks.append(f"view {name}: {found.beads} beads fit to {found.residual_px:.2f} px")
+        remarks.append(f"view {name}: {result.beads} beads fit to {result.residual_px:.2f} px")
     return CalibratedViews(views, tuple(quantities), tuple(remarks))
 
 
 def _at_board(
     camera: CameraModel, scale_m_per_px: float, share: float, uncertainties: tuple[_Three, _Three]
 ) -> ViewInfo:
-    """Returns the view of a camera whose pose is relative to a board or a phantom; ``share``: error of its scale."""
+    """Returns the metadata of a view whose pose is relative to a board or a phantom.
+
+    Args:
+        camera: its camera.
+        scale_m_per_px: scale at the board.
+        share: relative standard uncertainty of the scale.
+        uncertainties: standard deviations of turn in degrees and of shift in m, three each.
+    """
     return ViewInfo(
         float(f"{scale_m_per_px:.5g}"),
         metres_per_px_uncertainty=float(f"{share:.2g}"),
@@ -219,7 +229,7 @@ def views_from_tips(
         FileFormatError: a recording cannot be read.
         InputError: a recording has not two views, their poses are not stated, or the tip is detected too rarely.
     """
-    parts: list[TipPairs] = []
+    # the first recording sets views and stated poses; all others must have the same views
     with RecordingReader(recordings[0]) as reader:
         names, stated = ordered_views(reader.views), reader.session_info.updated(info)
     if len(names) != 2:
@@ -228,12 +238,13 @@ def views_from_tips(
         )
     first, second = names
     cameras, stds, assumed = _stated_cameras(recordings[0], stated, names)
+    parts: list[TipPairs] = []
     for k, path in enumerate(recordings):
         with RecordingReader(path) as reader:
             if ordered_views(reader.views) != names:
                 raise InputError(f"{path}: has other views than {recordings[0]}, which has {first} and {second}")
-            own = reader.session_info.updated(info)
-        parts.append(read_tip_pairs(path, names, own, lambda share, k=k: progress((k + share) / len(recordings))))
+            path_info = reader.session_info.updated(info)
+        parts.append(read_tip_pairs(path, names, path_info, lambda share, k=k: progress((k + share) / len(recordings))))
     tips = TipPairs(np.concatenate([part.tips_px for part in parts]), np.concatenate([part.axes for part in parts]))
     refined = refine_relative_pose(StatedPose(cameras, relative_covariance(cameras, stds)), tips)
     stated_stds = np.sqrt(np.diag(relative_covariance(cameras, stds)))
@@ -291,7 +302,20 @@ def _verdict(refined: RelativePose, names: tuple[str, ...]) -> str:
 def _stated_cameras(
     path: Path, info: SessionInfo, names: tuple[str, ...]
 ) -> tuple[tuple[CameraModel, CameraModel], tuple[FloatArray, FloatArray], bool]:
-    """Returns the cameras, their (6,) standard deviations, and whether these are assumed."""
+    """Returns the stated cameras of two views, with the uncertainties of their poses.
+
+    Args:
+        path: the recording, for messages.
+        info: its metadata.
+        names: names of the two views.
+
+    Returns:
+        The cameras; (6,) standard deviations of each pose, rad and m; and whether any of these is assumed, because
+        neither view states it.
+
+    Raises:
+        InputError: a pose is missing or not plausible, or the poses are not in the same frame.
+    """
     cameras: list[CameraModel] = []
     stds: list[FloatArray] = []
     frames = {info.view(name).projection_frame for name in names}
@@ -318,8 +342,8 @@ def _stated_cameras(
 
 def _uncertainties(stds: FloatArray) -> tuple[_Three, _Three]:
     """Returns turn in degrees and shift in m, with three digits, of (6,) standard deviations in rad and m."""
-    a, b, c, d, e, f = (float(f"{std:.3g}") for std in (*np.degrees(stds[:3]), *stds[3:]))
-    return (a, b, c), (d, e, f)
+    turn_x, turn_y, turn_z, x, y, z = (float(f"{std:.3g}") for std in (*np.degrees(stds[:3]), *stds[3:]))
+    return (turn_x, turn_y, turn_z), (x, y, z)
 
 
 def _images(board: Path) -> list[Image]:

@@ -141,10 +141,10 @@ class ControlRun:
             retraction had begun.
         """
         time, limit_n = self.time_s, self.judged_limit_n
-        step_s = np.diff(time, append=time[-1:])
+        step_s = np.diff(time, append=time[-1:])  # duration of each tick; 0 for the last
         upper = np.array([tick.upper_n for tick in self.ticks])
         back = np.isin([tick.applied.action.value for tick in self.ticks], _BACK)
-        passes = np.flatnonzero((self.true_n[1:] > limit_n) & (self.true_n[:-1] <= limit_n))
+        passes = np.flatnonzero((self.true_n[1:] > limit_n) & (self.true_n[:-1] <= limit_n))  # last ticks below it
         whole = {
             "judged_limit_n": limit_n,
             "peak_whole_run_n": float(self.true_n.max()),
@@ -158,10 +158,10 @@ class ControlRun:
         }
         held = np.array([tick.state is ControlState.HOLD for tick in self.ticks])
         target = self.settings.target_n
-        full = held & (np.array([tick.target_n for tick in self.ticks]) >= target)
-        if not full.any():
+        wants_target = held & (np.array([tick.target_n for tick in self.ticks]) >= target)
+        if not wants_target.any():
             return {"held_s": 0.0, **whole}
-        start = float(time[full][0])
+        start = float(time[wants_target][0])
         window = (time >= start) & (time < start + seconds)
         error = self.true_n[window] - target
         action = np.array([tick.applied.action.value for tick in self.ticks])[window]
@@ -208,10 +208,11 @@ class _TruthFeedback(_Feedback):
     def __init__(self, bench: LiveSimulation, late_ns: int) -> None:
         super().__init__(bench, late_ns)
         source = bench.source
-        exposure = 0.5 * source.imaging.exposure_s + source.settings.world.clock.camera_delay_s
+        arrival_s = 0.5 * source.imaging.exposure_s + source.settings.world.clock.camera_delay_s  # after mid-exposure
         arrived = source.arrived(source.views[0])
+        # time at which the estimate is due, stamp and time of each image
         self._frames = deque(
-            (int(stamp) + round(1e9 * exposure) + late_ns, int(stamp), float(time))
+            (int(stamp) + round(1e9 * arrival_s) + late_ns, int(stamp), float(time))
             for stamp, time in zip(source.stamp_ns[arrived], source.frame_s[arrived], strict=True)
         )
 
@@ -223,6 +224,7 @@ class _TruthFeedback(_Feedback):
 
 
 def _exact(stamp_ns: int, force_n: FloatArray) -> ForceEstimate:
+    """Returns an estimate without error: its intervals have no width. ``force_n``: (3,) in N, base frame."""
     magnitude = float(np.linalg.norm(force_n))
     return ForceEstimate(
         stamp_ns=stamp_ns,
@@ -286,11 +288,13 @@ class ControlSession:
         self._feedback_of = feedback
 
     def __enter__(self) -> Self:
+        """Begins the simulated session, and makes the feedback and the loop with its drives and clock."""
         bench = self.simulation.__enter__()
-        late_ns, of = round(ESTIMATE_S * 1e9), self._feedback_of
-        self._feedback = (
-            _TruthFeedback(bench, late_ns) if isinstance(of, str) else _EstimatorFeedback(bench, late_ns, of)
-        )
+        late_ns, estimator = round(ESTIMATE_S * 1e9), self._feedback_of
+        if isinstance(estimator, str):
+            self._feedback: _Feedback = _TruthFeedback(bench, late_ns)
+        else:
+            self._feedback = _EstimatorFeedback(bench, late_ns, estimator)
         world = bench.source.settings.world
         path = path_of_drives(self._drives, 1e3 * world.clamp.home_m)
         self.loop = ControlLoop(bench.actuators, bench.clock, path, self._control, 1.0 / world.clock.fps)
@@ -300,7 +304,11 @@ class ControlSession:
         self.simulation.__exit__(*error)
 
     def events(self) -> Iterator[Event]:
-        """Yields all events of the session; the operator starts the run immediately."""
+        """Yields all events of the session, after each has been through the loop; the run starts immediately.
+
+        Each event moves the simulated time on: estimates that are due go to the loop, which ticks once a period. The
+        run ends ``seconds`` after the target was first wanted.
+        """
         clock, loop, feedback = self.simulation.clock, self.loop, self._feedback
         period_ns, next_ns, held_ns = round(1e9 * self._control.period_s), 0, math.inf
         loop.start()

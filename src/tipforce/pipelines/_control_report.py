@@ -73,22 +73,23 @@ def control(
         total_ns = session.simulation.source.settings.world.seconds * 1e9
         info = session.simulation.source.session_info
 
-        whole = False
+        complete = False
 
         def watched() -> Iterator[Event]:
-            nonlocal whole
+            """Yields the events of the session, reports the progress, and notes whether all have been passed on."""
+            nonlocal complete
             for event in session.events():
                 if progress is not None and isinstance(event, Frame):
                     progress("control", min(1.0, event.stamp_ns / total_ns))
                 yield event
-            whole = True
+            complete = True
 
         remark = ""
         with RecordingWriter(target, info, clock=session.simulation.clock, origin="control") as writer:
             try:
                 write_run(writer, watched(), info, None, "auto", ClockChoice("none"), VisionSettings(), None)
             except InputError as error:
-                if not whole:
+                if not complete:  # the error is of the session, not of the labels
                     raise
                 remark = f"The recording has no labels: {error}."  # the run has its figures all the same
         run = session.finish()
@@ -109,6 +110,7 @@ def _json(figures: dict[str, Any]) -> str:
 
 
 def _write_table(run: ControlRun, table: TextIO) -> None:
+    """Writes a row of `_COLUMNS` for each tick as CSV; forces that are not known are empty."""
     rows = csv.writer(table, lineterminator="\n")
     rows.writerow(_COLUMNS)
     for tick, true in zip(run.ticks, run.true_n.tolist(), strict=True):
@@ -128,6 +130,7 @@ def _cell(newtons: float) -> str:
 
 
 _POINTS = 3000
+"""Number of ticks that are plotted, at most about twice: every n-th one."""
 
 
 def plot_control(run: ControlRun, title: str) -> str:
@@ -161,6 +164,10 @@ def plot_control(run: ControlRun, title: str) -> str:
 
 
 def _forces(axes: Axes, run: ControlRun, time: FloatArray) -> None:
+    """Plots estimate, interval, true force, target and limit over ``time`` (s); marks ticks without a valid estimate.
+
+    The first second is not marked: no estimate can have come yet.
+    """
     force, low, high = (
         np.array([getattr(tick, name) for tick in run.ticks]) for name in ("force_n", "low_n", "high_n")
     )
@@ -182,6 +189,13 @@ def _forces(axes: Axes, run: ControlRun, time: FloatArray) -> None:
 
 
 def _bands(axes: Axes, run: ControlRun, *, named: bool) -> None:
+    """Colours the background by the state of the run, and red where the catheter is drawn back above the limit.
+
+    Args:
+        axes: the axes.
+        run: the run.
+        named: whether the states' names are written above bands that are wide enough for them.
+    """
     states = np.array([tick.state.value for tick in run.ticks])
     time = run.time_s
     for state, colour in _BANDS.items():
@@ -204,10 +218,11 @@ def _stretches(chosen: BoolArray) -> list[tuple[int, int]]:
 
 
 def _page(run: ControlRun, figures: dict[str, Any], svg: str, command: str) -> str:
+    """Returns the page of the run (HTML): verdict, command, plot, table of figures, and the changes of state."""
     drawing = svg[svg.index("<svg") :]
     rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in _facts(figures))
     typed = f"<p class='quiet'><code>{escape(command)}</code></p>" if command else ""
-    changes = "".join(f"<li>{at:.2f} s: {escape(said)}</li>" for at, said in _changes(run))
+    changes = "".join(f"<li>{time_s:.2f} s: {escape(text)}</li>" for time_s, text in _changes(run))
     return (
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
         "<meta name='viewport' content='width=device-width, initial-scale=1'><link rel='icon' href='data:,'>"
@@ -256,6 +271,7 @@ def _limit(figures: dict[str, Any]) -> str:
 
 
 def _facts(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    """Returns the rows of the page's table, as label and value; without a hold only those of the whole run."""
     whole = [
         ("peak of the whole run, true force", f"{figures['peak_whole_run_n']:.3f} N at {figures['peak_at_s']:.1f} s"),
         ("largest upper end of the estimates", f"{figures['peak_upper_n']:.3f} N"),
@@ -280,13 +296,15 @@ def _facts(figures: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _changes(run: ControlRun, most: int = 40) -> list[tuple[float, str]]:
-    """Lists when the run came into another state, or safety stepped in."""
-    found: list[tuple[float, str]] = []
+    """Returns time and text of each change of the run's state or of the safety layer's action; ``most`` of them."""
+    changes: list[tuple[float, str]] = []
     before = None
     for tick in run.ticks:
         now = (tick.state, tick.applied.action)
         if now != before:
             reason = f" ({tick.applied.reason})" if tick.applied.reason else ""
-            found.append((tick.time_s, f"{tick.state.value}, safety: {tick.applied.action.value}{reason}"))
+            changes.append((tick.time_s, f"{tick.state.value}, safety: {tick.applied.action.value}{reason}"))
         before = now
-    return found if len(found) <= most else [*found[:most], (run.ticks[-1].time_s, f"and {len(found) - most} more")]
+    if len(changes) <= most:
+        return changes
+    return [*changes[:most], (run.ticks[-1].time_s, f"and {len(changes) - most} more")]

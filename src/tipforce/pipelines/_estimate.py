@@ -119,18 +119,20 @@ class EstimateReport:
         if self.clinical is not None:
             lines += _clinical_lines(self.clinical, self.contact)
         lines += self.reasons.lines(3)
-        p50, p99 = np.percentile(self.update_s, [50, 99]) * 1e3
-        lines = [self.reads, *lines] if self.reads else lines
-        return "\n".join([*lines, f"image to force: {p50:.2f} ms (p50), {p99:.2f} ms (p99)"])
+        if self.reads:
+            lines.insert(0, self.reads)
+        p50_ms, p99_ms = np.percentile(self.update_s, [50, 99]) * 1e3
+        return "\n".join([*lines, f"image to force: {p50_ms:.2f} ms (p50), {p99_ms:.2f} ms (p99)"])
 
     def figures(self) -> dict[str, Any]:
         """Returns all of it as JSON values; None where there is no force at all."""
-        sizes = self.magnitudes_n
+        forces_n = self.magnitudes_n
+        magnitude = {"min": min(forces_n), "mean": float(np.mean(forces_n)), "max": max(forces_n)} if forces_n else None
         return {
             "frames": self.frames,
             "valid": self.valid,
             "statuses": dict(self.statuses),
-            "magnitude_n": {"min": min(sizes), "mean": float(np.mean(sizes)), "max": max(sizes)} if sizes else None,
+            "magnitude_n": magnitude,
             "clinical": None if self.clinical is None else _clinical_figures(self.clinical, self.contact),
             "update_ms": {f"p{p}": 1e3 * float(np.percentile(self.update_s, p)) for p in (50, 99)},
         }
@@ -215,7 +217,7 @@ def source_of(frames: Frames, stated: SessionInfo, actuation: Mapping[str, float
 
 
 def for_source(estimator: Estimator, source: Source) -> Estimator:
-    """Returns the method for the views of a source, which has the readings and metadata that the method needs.
+    """Adapts a method to the views of a source, and checks that the source has all that the method needs.
 
     Args:
         estimator: the fitted method.
@@ -227,11 +229,11 @@ def for_source(estimator: Estimator, source: Source) -> Estimator:
     Raises:
         InputError: a view, a reading or metadata are missing; the message names them.
     """
-    name, there = getattr(source, "path", source.session_info.name), views_of(source)
+    name, views = getattr(source, "path", source.session_info.name), views_of(source)
     try:
-        estimator = estimator.for_views(there)
+        estimator = estimator.for_views(views)
     except InputError as error:
-        advice = f"; state view={there[0]} to read that one" if estimator.view_setting else ""
+        advice = f"; state view={views[0]} to read that one" if estimator.view_setting else ""
         raise InputError(f"{name}: {error}{advice}") from None
     require_actuation(source, estimator.required_actuation)
     if why := estimator.obstacle(source.session_info):
@@ -246,14 +248,15 @@ def view_line(estimator: Estimator, source: Source) -> str:
         estimator: the method, for this source.
         source: the source.
     """
-    there = views_of(source)
-    return f"reads {views_text(estimator.views)} of {', '.join(there)}" if len(there) > 1 else ""
+    views = views_of(source)
+    return f"reads {views_text(estimator.views)} of {', '.join(views)}" if len(views) > 1 else ""
 
 
 def start_stream(estimator: Estimator, source: Source) -> Stream:
     """Starts the stream of a method for a source.
 
-    A method that resolves its detection on images gets images from all over a file beforehand.
+    A method that resolves its detection on images gets images from all over a file beforehand. Where it uses the
+    reading of the knob, it is also checked that the shaft bends to the side to which the knob should bend it.
 
     Args:
         estimator: the fitted method.
@@ -268,27 +271,33 @@ def start_stream(estimator: Estimator, source: Source) -> Stream:
     if not can_be_read_again(source):
         return estimator.start(source.session_info)
     view, info = estimator.views[0], source.session_info
-    asked = _asked_curvature(source, view) if KNOB in estimator.required_actuation else None
-    if asked is None and not estimator.calibrates_on_images:
+    by_knob_per_m = _knob_curvature(source, view) if KNOB in estimator.required_actuation else None
+    if by_knob_per_m is None and not estimator.calibrates_on_images:
         return estimator.start(info)
     images = images_beforehand(source, view) if estimator.calibrates_on_images else []
-    if asked is not None and (why := _against_knob(images or spread_images(source, view), info, view, asked)):
-        raise InputError(f"{getattr(source, 'path', info.name)}: {why}")
+    if by_knob_per_m is not None:
+        why = _against_knob(images or spread_images(source, view), info, view, by_knob_per_m)
+        if why:
+            raise InputError(f"{getattr(source, 'path', info.name)}: {why}")
     return estimator.start(info, images)
 
 
-def _asked_curvature(source: Source, view: str) -> float | None:
-    """Returns the curvature in 1/m that a still knob sets; None where it is unknown, or a projection shows it."""
+def _knob_curvature(source: Source, view: str) -> float | None:
+    """Returns the free curvature in 1/m that a knob at rest sets: gain times reading, and the rest curvature.
+
+    None where it is not known, or where the view is a projection, whose lines do not show the curvature in space.
+    """
     info = source.session_info
-    gain, shown = info.actuation.knob_gain_per_m_deg, info.view(view)
-    if gain is None or shown.projection is not None or shown.modality == "xray":
+    gain, view_info = info.actuation.knob_gain_per_m_deg, info.view(view)
+    if gain is None or view_info.projection is not None or view_info.modality == "xray":
         return None
-    knob = steady_reading(source, KNOB)
+    knob_deg = steady_reading(source, KNOB)
     rest = info.catheter.rest_curvature_per_m
-    return None if knob is None else gain * knob + (float(np.mean(rest)) if rest else 0.0)
+    return None if knob_deg is None else gain * knob_deg + (float(np.mean(rest)) if rest else 0.0)
 
 
 def _against_knob(images: Sequence[Image], info: SessionInfo, view: str, asked_per_m: float) -> str:
+    """Returns why the shaft in the images bends against the curvature that the knob sets; "" if it does not."""
     try:
         vision = auto_calibrate(VisionSettings(view=view), images, info)
     except InputError:
@@ -320,8 +329,9 @@ class _Given(ClosedAtExit):
         return {view, *stated} if view in stated else {view}
 
     def __iter__(self) -> Iterator[Event]:
-        for number, each in enumerate(self._frames):
-            frame = each if isinstance(each, Frame) else Frame(number * self._step_ns, each)
+        """Yields the constant readings once, then the frames; images without stamps get those of the frame rate."""
+        for number, image in enumerate(self._frames):
+            frame = image if isinstance(image, Frame) else Frame(number * self._step_ns, image)
             if number == 0 and self._actuation:
                 yield Actuation(frame.stamp_ns, self._actuation)
             yield frame
@@ -367,16 +377,16 @@ def write_estimates(
         rows.writerow(COLUMNS)
         for observation in observations(source, estimator.views, apart=not estimator.needs_all_views):
             start = time.perf_counter()
-            found = stream.update(observation).checked()
+            force = stream.update(observation).checked()
             seconds = time.perf_counter() - start
-            clinical = monitor.update(found)
-            report.add(found, clinical, seconds)
-            first_ns = found.stamp_ns if report.frames == 1 else first_ns
-            elapsed = f"{(found.stamp_ns - first_ns) * 1e-9:.6f}"
-            name = names.get(found.stamp_ns, "")
-            rows.writerow([report.frames - 1, elapsed, *_row(found), *_clinical_row(clinical), name])
+            clinical = monitor.update(force)
+            report.add(force, clinical, seconds)
+            first_ns = force.stamp_ns if report.frames == 1 else first_ns
+            elapsed = f"{(force.stamp_ns - first_ns) * 1e-9:.6f}"
+            name = names.get(force.stamp_ns, "")
+            rows.writerow([report.frames - 1, elapsed, *_row(force), *_clinical_row(clinical), name])
             if video and view in observation.views:
-                video.add(observation, found)
+                video.add(observation, force)
             if progress:
                 progress(f"frame {report.frames}", min(1.0, report.frames / total) if total else 0.0)
         if not report.frames:
@@ -388,6 +398,7 @@ def write_estimates(
 
 
 def _row(estimate: ForceEstimate) -> list[str]:
+    """Returns the cells of the columns "stamp_ns" to "detail" of `COLUMNS`; unknown numbers are empty."""
     cells = [str(estimate.stamp_ns), _cell(estimate.magnitude_n), *_ends(estimate.magnitude_interval_n)]
     for value, interval in zip(estimate.force_n.tolist(), estimate.interval_n, strict=True):
         cells += [_cell(value), *_ends(interval)]
@@ -397,6 +408,7 @@ def _row(estimate: ForceEstimate) -> list[str]:
 
 
 def _clinical_row(state: ClinicalState) -> list[str]:
+    """Returns the cells of the columns "contact_state" to "integral_high_g_s" of `COLUMNS`."""
     times = (state.window.seconds, state.limit.seconds, state.unknown_s)
     integral = (state.integral_g_s, *state.integral_interval_g_s)
     return [

@@ -116,7 +116,7 @@ def evaluate(
     if init_from is not None and not named:
         raise InputError("init_from is for a method that is named, such as compact; a saved model has its own weights")
     stated = settings.model_dump(exclude_unset=True) if isinstance(settings, BaseModel) else settings or {}
-    chosen = {
+    settings_by_name = {
         name: ESTIMATORS[name].settings_type.model_validate(
             merged_values(thesis_settings(name), stated) if to_the_letter else stated
         )
@@ -127,10 +127,10 @@ def evaluate(
             "to_the_letter trains the thesis's own methods from nothing: name svr or dcfe, no saved model, and leave "
             "init_from out"
         )
-    methods = methods_from(names, chosen, None if init_from is None else str(init_from))
+    methods = methods_from(names, settings_by_name, None if init_from is None else str(init_from))
     dataset = data_of(data, session_info_from(bench), [method.as_it_comes or method.estimator for method in methods])
     report = progress or no_progress
-    where = executor_of(executor)
+    chosen_executor = executor_of(executor)
     true_n = None if truth is None else truth_at(dataset, _truths(truth))
     with kept_fits(output.with_name(f"{output.name}.evaluating")) as fits:
         result = evaluate_methods(
@@ -150,7 +150,7 @@ def evaluate(
             bounds=bounds_from(dataset, truth, report) if truth is not None and bound is not False else None,
             progress=report,
             fits=fits,
-            executor=None if isinstance(where, LocalExecutor) else where,
+            executor=None if isinstance(chosen_executor, LocalExecutor) else chosen_executor,
         )
         result = replace(result, notes=(*result.notes, *_limit_notes(result, report)))
         report("report", 1.0)
@@ -165,9 +165,9 @@ def _limit_notes(result: Evaluation, report: Progress) -> list[str]:
         model = method.saved or method.estimator
         if isinstance(model, RodTrack):
             report(f"{method.label}: limits of the force", 1.0)
-            found = limits_in_dataset(model, result.everything)
-            if found is not None and found[1].measurable:
-                notes.append(f"{method.label} is limited in {found[0]} by {found[1].text()}.")
+            session_limits = limits_in_dataset(model, result.everything)
+            if session_limits is not None and session_limits[1].measurable:
+                notes.append(f"{method.label} is limited in {session_limits[0]} by {session_limits[1].text()}.")
     return notes
 
 
@@ -186,10 +186,10 @@ def thesis_settings(name: str) -> Mapping[str, Any]:
 
 def _truths(folder: Path) -> dict[str, tuple[IntArray, FloatArray]]:
     """Returns stamps (n,) and true forces (n, 3) by session, of all simulated sessions under ``folder``."""
-    found: dict[str, tuple[IntArray, FloatArray]] = {}
+    truths: dict[str, tuple[IntArray, FloatArray]] = {}
     for path in sorted(folder.rglob("*.truth.npz")):
-        truth = read_truth(path)  # of which little is kept: a set at scale has thousands
-        found[truth.session] = truth.stamp_ns, truth.force_n
-    if not found:
+        truth = read_truth(path)  # little of it is kept: a large set has thousands of sessions
+        truths[truth.session] = truth.stamp_ns, truth.force_n
+    if not truths:
         raise InputError(f"{folder}: it contains no truth; only `tipforce simulate` writes one")
-    return found
+    return truths

@@ -161,41 +161,42 @@ def fine_tune_locator(
     report: Progress = on_progress or (lambda _text, _share: None)
     _check(annotations, images)
     report("reading the networks", 0.0)
-    sources = _graph_paths(init)
-    locator, line = locator_from_graph(sources[0]), line_network_from_graph(sources[1])
-    judged = _left_out(annotations, settings.seed)
+    graphs = _graph_paths(init)
+    locator, line_network = locator_from_graph(graphs[0]), line_network_from_graph(graphs[1])
+    # images that are left out judge the training; the others, and windows of other benches, are its data
+    left_out = _left_out(annotations, settings.seed)
     labelled = labelled_images(annotations, images)
-    annotated, rehearsal = [each for k, each in enumerate(labelled) if k not in judged], rehearsal_windows()
-    first = FineTuneSettings(seed=settings.seed, max_seconds=LOCATED_SHARE * settings.max_seconds)
-    second = replace(
-        first, steps=LINE_STEPS, batch=LINE_BATCH, rate=LINE_RATE, kept_weight=LINE_KEPT_WEIGHT,
-        max_seconds=settings.max_seconds - first.max_seconds,
+    trained, rehearsal = [image for k, image in enumerate(labelled) if k not in left_out], rehearsal_windows()
+    locator_settings = FineTuneSettings(seed=settings.seed, max_seconds=LOCATED_SHARE * settings.max_seconds)
+    line_settings = replace(
+        locator_settings, steps=LINE_STEPS, batch=LINE_BATCH, rate=LINE_RATE, kept_weight=LINE_KEPT_WEIGHT,
+        max_seconds=settings.max_seconds - locator_settings.max_seconds,
     )  # fmt: skip
     if settings.steps is not None:
-        first, second = replace(first, steps=settings.steps), replace(second, steps=settings.steps)
-    tuned = fine_tune(
-        locator, annotated, rehearsal, first, _within(report, "training the first network", BEGUN_SHARE, LOCATED_SHARE)
-    )
-    tuned_line = fine_tune_line(
-        line, annotated, rehearsal, second, _within(report, "training the second network", LOCATED_SHARE, TRAINED_SHARE)
-    )
+        locator_settings = replace(locator_settings, steps=settings.steps)
+        line_settings = replace(line_settings, steps=settings.steps)
+    locator_progress = _within(report, "training the first network", BEGUN_SHARE, LOCATED_SHARE)
+    tuned_locator = fine_tune(locator, trained, rehearsal, locator_settings, locator_progress)
+    line_progress = _within(report, "training the second network", LOCATED_SHARE, TRAINED_SHARE)
+    tuned_line = fine_tune_line(line_network, trained, rehearsal, line_settings, line_progress)
     report("judging the images that were left out", TRAINED_SHARE)
-    prompts = Prompts(length_px=_median_length_px([each for k, each in enumerate(annotations) if k not in judged]))
-    truth, shown = [annotations[k] for k in judged], [labelled[k] for k in judged]
+    # detection gets the usual length of the catheter, as in a session; the judged images do not contribute to it
+    prompts = Prompts(length_px=_median_length_px([each for k, each in enumerate(annotations) if k not in left_out]))
+    truth, judged = [annotations[k] for k in left_out], [labelled[k] for k in left_out]
     with replacing_folder(folder) as part:
-        (part / DETECTOR_GRAPHS[0]).write_bytes(graph_with_weights(sources[0].read_bytes(), tuned.network))
-        (part / DETECTOR_GRAPHS[1]).write_bytes(graph_with_line_weights(sources[1].read_bytes(), tuned_line.network))
-        old, new = ([_detected(each.image, prompts, network) for each in shown] for network in (init, part))
-        before, after = (_figures(lines, shown, truth) for lines in (old, new))
+        (part / DETECTOR_GRAPHS[0]).write_bytes(graph_with_weights(graphs[0].read_bytes(), tuned_locator.network))
+        (part / DETECTOR_GRAPHS[1]).write_bytes(graph_with_line_weights(graphs[1].read_bytes(), tuned_line.network))
+        old, new = ([_detected(image.image, prompts, network) for image in judged] for network in (init, part))
+        before, after = (_figures(lines, judged, truth) for lines in (old, new))
         facts: dict[str, Any] = {
             "kind": "tipforce detector",
             "init": "shipped" if init is None else str(init),
-            "frames": len(annotated),
-            "left_out": [each.image for each in truth],
-            "settings": {"first": asdict(first), "second": asdict(second)},
-            "steps": [tuned.steps, tuned_line.steps],
-            "training_s": round(tuned.seconds + tuned_line.seconds, 1),
-            "log_odds": round(_log_odds(new, shown, truth), 3),
+            "frames": len(trained),
+            "left_out": [annotation.image for annotation in truth],
+            "settings": {"first": asdict(locator_settings), "second": asdict(line_settings)},
+            "steps": [tuned_locator.steps, tuned_line.steps],
+            "training_s": round(tuned_locator.seconds + tuned_line.seconds, 1),
+            "log_odds": round(_log_odds(new, judged, truth), 3),
             "before": before and asdict(before),
             "after": after and asdict(after),
             "versions": {name: version(name) for name in ("tipforce", "torch", "onnx", "numpy")}
@@ -203,12 +204,12 @@ def fine_tune_locator(
         }
         (part / DETECTOR_FACTS).write_text(json.dumps(_without_nan(facts), indent=2) + "\n", encoding="utf-8")
         (part / DETECTOR_CARD).write_text(_card(facts), encoding="utf-8")
-    left_out = tuple(
-        LeftOutFrame(annotation.image, _points_px(one), _points_px(other), _present(one), _present(other))
-        for annotation, one, other in zip(truth, old, new, strict=True)
+    frames = tuple(
+        LeftOutFrame(annotation.image, _points_px(line), _points_px(tuned), _present(line), _present(tuned))
+        for annotation, line, tuned in zip(truth, old, new, strict=True)
     )
     report("done", 1.0)
-    return FineTuneResult(folder, time.monotonic() - began, before, after, left_out)
+    return FineTuneResult(folder, time.monotonic() - began, before, after, frames)
 
 
 def _detected(image: Image, prompts: Prompts, network: Path | None) -> Located | None:
@@ -222,7 +223,18 @@ def _detected(image: Image, prompts: Prompts, network: Path | None) -> Located |
 def _log_odds(
     lines: Sequence[Located | None], labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation]
 ) -> float:
-    """Returns by how much the lines are right more often than their probability says; see `fitted_log_odds`."""
+    """Returns by how much the lines are right more often than their probability says; see `fitted_log_odds`.
+
+    A line is right here if `_right` holds and its base, and its tip where that is visible, are near the annotated ones.
+
+    Args:
+        lines: lines that the fine-tuned detector found; None without one.
+        labelled: the images left out, with their annotated lines.
+        truth: their annotations.
+
+    Returns:
+        Difference of log-odds; detection adds it to the score of a line.
+    """
     scores: list[float] = []
     right: list[bool] = []
     for line, image, annotation in zip(lines, labelled, truth, strict=True):
@@ -265,15 +277,17 @@ def labelled_images(annotations: Sequence[Annotation], images: Sequence[Image]) 
         if annotation.present:
             line, state = labelled_line(annotation.points_px, size, annotation.tip_hidden)
             mask, side = None, border_behind(line, size)
-        else:  # windows as large as those of the other images, at any position
-            across = np.linspace(-0.5, 0.5, LABEL_POINTS)[:, None] * (length, 0.0)
-            line, state = across + 0.5 * np.array(size[::-1]), np.full(LABEL_POINTS, OUTSIDE, np.uint8)
+        else:
+            # The line only sets the size of the training windows: a horizontal one of the usual length, in the middle.
+            horizontal = np.linspace(-0.5, 0.5, LABEL_POINTS)[:, None] * (length, 0.0)
+            line, state = horizontal + 0.5 * np.array(size[::-1]), np.full(LABEL_POINTS, OUTSIDE, np.uint8)
             mask, side = np.zeros(size, np.bool_), -1
         labelled.append(LabelledImage(pixels, line, state, mask, side, math.nan, present=annotation.present))
     return labelled
 
 
 def _check(annotations: Sequence[Annotation], images: Sequence[Image]) -> None:
+    """Raises InputError if annotations and images do not match, or too few of them show a catheter."""
     if len(annotations) != len(images):
         raise InputError(f"{len(annotations)} annotations for {len(images)} images; expected one for each image")
     count = sum(each.present for each in annotations)
@@ -285,7 +299,7 @@ def _check(annotations: Sequence[Annotation], images: Sequence[Image]) -> None:
 
 
 def _graph_paths(init: Path | None) -> list[Path]:
-    """Returns the graphs of both networks to begin with; those of tipforce in single precision where it is None."""
+    """Returns the ONNX files of both networks to begin with; without ``init`` those of tipforce, single precision."""
     if init is None:
         shipped = resources.files("tipforce.vision.locator")
         return [Path(str(shipped / name)) for name in ("locator.onnx", "refine.onnx")]
@@ -297,7 +311,7 @@ def _graph_paths(init: Path | None) -> list[Path]:
 
 
 def _left_out(annotations: Sequence[Annotation], seed: int) -> list[int]:
-    """Returns the indices of the images that judge the training, sorted."""
+    """Returns the sorted indices of the images that judge the training: one in five of those with a catheter."""
     marked = [k for k, each in enumerate(annotations) if each.present]
     if len(marked) < MIN_ANNOTATED_TO_JUDGE:
         return []
@@ -316,7 +330,16 @@ def _length_px(line_px: FloatArray) -> float:
 def _figures(
     found: Sequence[Located | None], labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation]
 ) -> LocatorFigures | None:
-    """Returns the figures of found lines beside the annotated ones; None without an image."""
+    """Compares detected lines with annotated ones.
+
+    Args:
+        found: the detected line in each image; None where there is none, which counts as infinitely far away.
+        labelled: the images with their annotated lines.
+        truth: their annotations, which state whether the tip is hidden.
+
+    Returns:
+        The figures; None without an image.
+    """
     if not truth:
         return None
     right: list[bool] = []
@@ -344,7 +367,8 @@ def _ends_off_px(points_px: FloatArray, line_px: FloatArray) -> list[float]:
 def _distances_px(points_px: FloatArray, line_px: FloatArray) -> FloatArray:
     """Returns the distances (n,) of points (n, 2) from a line (k, 2) of straight pieces."""
     start, piece = line_px[:-1], np.diff(line_px, axis=0)
-    from_start = points_px[:, None] - start
+    from_start = points_px[:, None] - start  # (n, k - 1, 2)
+    # position of each point's foot on each piece, 0 to 1; a foot beyond an end is moved to it
     share = (from_start * piece).sum(-1) / np.maximum((piece**2).sum(-1), 1e-12)
     return np.linalg.norm(from_start - np.clip(share, 0.0, 1.0)[..., None] * piece, axis=-1).min(axis=1)
 

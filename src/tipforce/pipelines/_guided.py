@@ -92,7 +92,7 @@ class Guide:
         return sum(phase.seconds for phase in self.phases)
 
     def take(self, event: Event) -> None:
-        """Takes the next event."""
+        """Takes the next event: measures what the present phase needs, and ends the phase when its time is over."""
         if self.done:
             return
         self._now_ns = max(self._now_ns, event.stamp_ns)
@@ -104,13 +104,14 @@ class Guide:
         elif isinstance(event, Frame):
             self._take_image(event.image)
         else:
-            for key, value in event.values.items():
-                low, high = self.moved.get(key, (value, value))
-                self.moved[key] = min(low, value), max(high, value)
+            for drive, value in event.values.items():
+                low, high = self.moved.get(drive, (value, value))
+                self.moved[drive] = min(low, value), max(high, value)
         if (self._now_ns - self._began_ns) * 1e-9 >= self.phases[self._place].seconds:
             self._end(name)
 
     def _take_force(self, event: Wrench, name: str) -> None:
+        """Keeps a reading of the phase "tare", or takes the peak, less the tare, of the phase "press"."""
         if self._first_force_ns is None:
             self._first_force_ns = event.stamp_ns
         if name == "tare":
@@ -161,7 +162,7 @@ class Guide:
         if self.done:
             return "done"
         phase = self.phases[self._place]
-        left = phase.seconds - (self._now_ns - (self._began_ns or self._now_ns)) * 1e-9
+        remaining_s = phase.seconds - (self._now_ns - (self._began_ns or self._now_ns)) * 1e-9
         measured = ""
         if phase.name == "tare" and self._tries:
             measured = f" (again: the force moved by {1e3 * self._spread_n:.0f} mN)"
@@ -169,7 +170,7 @@ class Guide:
             measured = f" (the image changed by {self.changed:.0f} grey values)"
         elif phase.name == "press":
             measured = f" (up to {1e3 * self.peak_n:.0f} mN so far)"
-        return f"{phase.prompt}: {max(left, 0.0):.0f} s{measured}"
+        return f"{phase.prompt}: {max(remaining_s, 0.0):.0f} s{measured}"
 
     def lacking(self, *, simulated: bool = False) -> list[str]:
         """Returns one sentence for each thing that the session did not show; ``simulated``: there is no device."""

@@ -38,6 +38,8 @@ Readings = tuple[IntArray, dict[str, FloatArray]]
 
 _MAX_DRIVE_SHIFT_S = 0.1
 """A hand that turns the knob by 30 degrees a second turns it by 3 within this time."""
+_KNOB_PERIOD_NS = 1e7
+"""A knob moves by hand: one reading in 10 ms is plenty, and a thousand a second would double the file."""
 _NO_TORQUE = np.full(3, np.nan)
 _BLOCK = 1 << 14
 """Rows handed out at a time: a log may run for hours after the last frame."""
@@ -66,9 +68,9 @@ def merged(
     def until(stamp_ns: int | None) -> Iterator[Event]:
         for stream, feed, values in feeds:
             for row, stamp in feed.take(stamp_ns):
-                here = {name: float(column[row]) for name, column in values.items() if column[row] == column[row]}
-                if here:
-                    yield Actuation(stamp + shift_ns, here, stream)
+                readings = {name: float(column[row]) for name, column in values.items() if not np.isnan(column[row])}
+                if readings:
+                    yield Actuation(stamp + shift_ns, readings, stream)
         for row, stamp in wrenches.take(stamp_ns):
             assert force is not None
             yield Wrench(stamp + shift_ns, force[1][row], _NO_TORQUE, "sensor")
@@ -151,8 +153,9 @@ def import_session(
     target, info = Path(output), session_info_from(bench)
     refuse_target(target, overwrite=overwrite, origin="import")
     clock = ClockChoice("none" if offset_ms == "start" else offset_ms, rate)
-    views = [Path(frames)] if isinstance(frames, str | Path) else [Path(each) for each in frames]
+    views = [Path(frames)] if isinstance(frames, str | Path) else [Path(path) for path in frames]
     frames = views[0]
+    # the logs, by kind
     bag, logs = _bag(frames, logs, info)
     by_kind = _by_kind(logs, info)
     force_log, knob_log, stage_log = (by_kind.get(kind) for kind in ("force", "knob", "stage"))
@@ -163,6 +166,7 @@ def import_session(
     if bag is not None:
         remarks += (f"{bag.path.name}: {remark}" for remark in bag.remarks)
         log = log or bag.force
+    # the images
     if bag and bag.views:
         source = replace(bag, joints=None)
     else:
@@ -175,9 +179,9 @@ def import_session(
         )
     first_ns = next(event.stamp_ns for event in source)
     if log is not None and offset_ms == "start":
-        moved = first_ns - int(log.stamp_ns[0])
-        log = replace(log, stamp_ns=log.stamp_ns + moved)
-        remarks.append(f"the force log was moved by {moved * 1e-9:.6f} s: its first row belongs to the first frame")
+        moved_ns = first_ns - int(log.stamp_ns[0])
+        log = replace(log, stamp_ns=log.stamp_ns + moved_ns)
+        remarks.append(f"the force log was moved by {moved_ns * 1e-9:.6f} s: its first row belongs to the first frame")
     drives = _drives(log, knob_column, knob_log, info.actuation, remarks, bag.joints if bag else None)
     stage = bag.stage if bag else None
     if stage_log is not None:
@@ -199,21 +203,24 @@ def import_session(
     last_ns = first_ns
 
     def images() -> Iterator[Event]:
+        """Yields the events of the source, and remembers the stamp of the last one."""
         nonlocal last_ns
         for event in source:
             last_ns = event.stamp_ns
             yield event
 
+    # a knob in the force log has the clock of that log: it is written last, when the clock map is known
     knob_readings = drives.pop(JOINTS) if log is not None and log.knob is not None else None
 
     def knob(clock: ClockMap) -> Iterator[Event]:
+        """Yields the readings of a knob in the force log, with stamps on the camera's clock."""
         if knob_readings is None:
             return
         stamps, values = knob_readings
-        when = clock.camera_ns(stamps + shift_ns)
-        kept = when >= 0
-        moved = when[kept], {name: column[kept] for name, column in values.items()}
-        yield from merged((), None, {JOINTS: moved}, 0)
+        camera_ns = clock.camera_ns(stamps + shift_ns)
+        usable = camera_ns >= 0
+        readings = camera_ns[usable], {name: column[usable] for name, column in values.items()}
+        yield from merged((), None, {JOINTS: readings}, 0)
 
     events = merged(images(), None if log is None else (log.stamp_ns, log.force_n), drives, shift_ns)
     writer = RecordingWriter(
@@ -226,7 +233,7 @@ def import_session(
 
     try:
         names = (frames.name, str(force_log or (bag.path if bag else "")))
-        facts = write_run(
+        run_remarks = write_run(
             writer,
             events,
             source.session_info,
@@ -250,12 +257,16 @@ def import_session(
     if log is not None and JOINTS in drives:
         stamps, values = drives[JOINTS]
         late = _late_drives(stamps + shift_ns, values, summary.info.clock_map, knob_log or origin, knob_log is None)
-        facts += [late] if late else []
-    return RecordingReport(summary, (*remarks, *facts))
+        run_remarks += [late] if late else []
+    return RecordingReport(summary, (*remarks, *run_remarks))
 
 
 def _bag(frames: Path, logs: Logs, info: SessionInfo) -> tuple[Bag | None, Logs]:
-    """Returns the bag with the images, or the one among the logs, and the other logs."""
+    """Returns the bag with the images, or the one among the logs, and the other logs; None without a bag.
+
+    Raises:
+        InputError: there is more than one bag.
+    """
     paths = [] if logs is None or isinstance(logs, Mapping) else [logs] if isinstance(logs, str | Path) else list(logs)
     bags = [Path(path) for path in paths if is_bag(Path(path))]
     if is_bag(frames):
@@ -285,27 +296,42 @@ def _drives(
     remarks: list[str],
     joints: DriveLog | None,
 ) -> dict[str, Readings]:
-    """Returns the catheter's drives as a stream, where they come from a log, or as ``joints`` of a bag."""
+    """Returns the readings of the catheter's drives as a stream; they come from one of three places, or from none.
+
+    Args:
+        log: the force log, which may have a column of the knob; None without one.
+        column: name of that column in the metadata, or None.
+        knob_log: a log of the knob alone, or None.
+        actuation: metadata of the drives, with constant readings.
+        remarks: gets the remarks on the knob's log.
+        joints: readings of the drives in a ROS bag, or None.
+
+    Returns:
+        `JOINTS` -> stamps in ns and readings by name; empty where there are no readings.
+
+    Raises:
+        InputError: two places have the same drive.
+    """
     if column and knob_log:
         raise InputError(
             "the knob's angle can come from actuation.knob_column or from a log of the knob, not from both"
         )
-    found = None
+    readings: Readings | None = None
     if column and log is not None and log.knob is not None:
-        name = column if column.rpartition("_")[0] else "knob_deg"
-        # a knob moves by hand: one reading in 10 ms is plenty, and a thousand a second would double the file
-        step = max(1, round(1e7 / max(float(np.median(np.diff(log.stamp_ns))), 1.0))) if len(log.stamp_ns) > 1 else 1
-        found = log.stamp_ns[::step], {name: log.knob[::step]}
+        name = column if column.rpartition("_")[0] else "knob_deg"  # a name that ends in its unit is kept
+        period_ns = float(np.median(np.diff(log.stamp_ns))) if len(log.stamp_ns) > 1 else _KNOB_PERIOD_NS
+        step = max(1, round(_KNOB_PERIOD_NS / max(period_ns, 1.0)))
+        readings = log.stamp_ns[::step], {name: log.knob[::step]}
     elif knob_log:
         drive_log = read_drive_log(knob_log, actuation.log)
-        found = drive_log.stamp_ns, drive_log.values
+        readings = drive_log.stamp_ns, drive_log.values
         remarks += (f"{knob_log.name}: {remark}" for remark in drive_log.remarks)
     elif joints:
-        found = joints.stamp_ns, joints.values
-    clash = set(found[1] if found else ()) & set(actuation.constant)
+        readings = joints.stamp_ns, joints.values
+    clash = set(readings[1] if readings else ()) & set(actuation.constant)
     if clash:
         raise InputError(f"{min(clash)} is stated as a constant and read from a log; state one of them")
-    return {} if found is None else {JOINTS: found}
+    return {} if readings is None else {JOINTS: readings}
 
 
 def _check_drives(
@@ -314,7 +340,17 @@ def _check_drives(
     knob_log: Path,
     stage_log: Path,
 ) -> None:
-    """Raises TimeError where a log of drives runs on another clock than the frames: no reading would be used."""
+    """Checks that each log of drives overlaps with the images: on another clock no reading would be used.
+
+    Args:
+        drives: stream -> stamps in ns and readings.
+        frames: stamps of the first and the last image, ns.
+        knob_log: file of the catheter's drives, for the message.
+        stage_log: file of the stage, for the message.
+
+    Raises:
+        TimeError: a log does not overlap; one earlier reading is a constant, and is allowed.
+    """
     for stream, (stamps, _) in drives.items():
         first, last = int(stamps[0]), int(stamps[-1])
         if first > frames[1] or (last < frames[0] and len(stamps) > 1):

@@ -39,6 +39,8 @@ MIN_RIVAL_PROBABILITY = 0.3
 """Another object with a larger probability could be the catheter too."""
 OBJECTS_WIDTH_PX = 960
 """Width of the drawing of the objects above a contact sheet, at most."""
+_MARGIN_PX = 4
+"""Margin of that drawing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,12 +87,11 @@ def inspect_image_file(
     image = read_image(path)
     detector = SessionDetector(vision, info or SessionInfo(), [image])
     resolved = detector.vision
-    seen: Inspection = inspect_image(image, detector.detect, resolved, features)
-    figures = {"file": str(path), **seen.figures(), "vision": resolved.model_dump()}
-    result = InspectionResult(
-        f"{_settings_line(resolved, vision)}\n{seen.text()}", figures, seen.drawing, image, resolved
-    )
-    objects = _objects(detector, vision, [image], info or SessionInfo(), [seen.shape], path.parent)
+    inspection: Inspection = inspect_image(image, detector.detect, resolved, features)
+    figures = {"file": str(path), **inspection.figures(), "vision": resolved.model_dump()}
+    text = f"{_settings_line(resolved, vision)}\n{inspection.text()}"
+    result = InspectionResult(text, figures, inspection.drawing, image, resolved)
+    objects = _objects(detector, vision, [image], info or SessionInfo(), [inspection.shape], path.parent)
     return result if objects is None else objects.added_to(result, alone=True)
 
 
@@ -132,8 +133,7 @@ def inspect_frames(
             if count % every == 0:
                 seconds, name = (frame.stamp_ns - first.stamp_ns) * 1e-9, names.get(frame.stamp_ns, "")
                 title = name or f"{count}  {seconds:.2f} s"
-                seen = inspect_image(frame.image, detector.detect, detector.vision, features)
-                tally.add(title, seen, name)
+                tally.add(title, inspect_image(frame.image, detector.detect, detector.vision, features), name)
             if progress:
                 progress(f"frame {count}", min(1.0, count / total) if total else 0.0)
     if first is None:
@@ -143,6 +143,7 @@ def inspect_frames(
     result = InspectionResult(
         f"{_settings_line(resolved, vision)}\n{tally.text()}", figures, tally.contact_sheet(), first.image, resolved
     )
+    # the objects that could be the catheter, on the images that resolved the detection
     images = images or [first.image]
     shapes = [detector.detect(image) for image in images]
     objects = _objects(detector, vision, images, info, shapes, path)
@@ -212,13 +213,21 @@ class _Objects:
     unnamed: str
 
     def added_to(self, result: InspectionResult, *, alone: bool = False) -> InspectionResult:
-        """Returns ``result`` with these objects; ``alone``: their drawing takes the place of the other."""
+        """Adds these objects to the findings of an inspection.
+
+        Args:
+            result: the findings.
+            alone: True: the drawing of the objects replaces that of the detection; False: it is put above it.
+
+        Returns:
+            The findings with a line and values for each object, and the advice.
+        """
         text = result.text.replace(self.unnamed, self.advice)
-        for number, each in enumerate(self.candidates, start=1):
-            u, v = each.points[0]
+        for number, candidate in enumerate(self.candidates, start=1):
+            u, v = candidate.points[0]
             text += (
-                f"\nobject {number}   begins at ({u:.0f}, {v:.0f}), {each.length_px:.0f} px long, "
-                f"{each.diameter_px:.1f} px thick, the catheter with a probability of {each.probability:.0%}"
+                f"\nobject {number}   begins at ({u:.0f}, {v:.0f}), {candidate.length_px:.0f} px long, "
+                f"{candidate.diameter_px:.1f} px thick, the catheter with a probability of {candidate.probability:.0%}"
             )
         if self.advice not in text:
             text += f"\nadvice     {self.advice}"
@@ -226,14 +235,14 @@ class _Objects:
             **result.figures,
             "objects": [
                 {
-                    "base_px": each.points[0].tolist(),
-                    "tip_px": each.points[-1].tolist(),
-                    "length_px": each.length_px,
-                    "diameter_px": each.diameter_px,
-                    "probability": each.probability,
-                    "base_region": list(each.region),
+                    "base_px": candidate.points[0].tolist(),
+                    "tip_px": candidate.points[-1].tolist(),
+                    "length_px": candidate.length_px,
+                    "diameter_px": candidate.diameter_px,
+                    "probability": candidate.probability,
+                    "base_region": list(candidate.region),
                 }
-                for each in self.candidates
+                for candidate in self.candidates
             ],
             "advice": self.advice,
         }
@@ -269,9 +278,9 @@ def _objects(
     assert shape.centreline is not None
     objects = likely_objects(vision, [image], info)
     rivals = [
-        (number, each)
-        for number, each in enumerate(objects, start=1)
-        if each.probability > MIN_RIVAL_PROBABILITY and not each.is_on(shape.centreline.points)
+        (number, candidate)
+        for number, candidate in enumerate(objects, start=1)
+        if candidate.probability > MIN_RIVAL_PROBABILITY and not candidate.is_on(shape.centreline.points)
     ]
     if not rivals:
         return None
@@ -284,13 +293,16 @@ def _objects(
 
 
 def _above(drawing: Image, sheet: Image) -> Image:
-    """Returns ``drawing`` above the contact sheet ``sheet``, on its ground."""
-    fit = min(1.0, OBJECTS_WIDTH_PX / drawing.shape[1])
-    small = cv2.resize(drawing, None, fx=fit, fy=fit, interpolation=cv2.INTER_AREA)
-    width = max(small.shape[1] + 8, sheet.shape[1])
-    both = np.full((small.shape[0] + 4 + sheet.shape[0], width, 3), sheet[0, 0], np.uint8)
-    both[4 : 4 + small.shape[0], 4 : 4 + small.shape[1]] = small
-    both[4 + small.shape[0] :, : sheet.shape[1]] = sheet
+    """Returns ``drawing``, made smaller if it is too wide, above the contact sheet ``sheet``, on its ground colour."""
+    scale = min(1.0, OBJECTS_WIDTH_PX / drawing.shape[1])
+    small = cv2.resize(drawing, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    height, width = small.shape[:2]
+    ground = sheet[0, 0]
+    both = np.full(
+        (_MARGIN_PX + height + sheet.shape[0], max(width + 2 * _MARGIN_PX, sheet.shape[1]), 3), ground, np.uint8
+    )
+    both[_MARGIN_PX : _MARGIN_PX + height, _MARGIN_PX : _MARGIN_PX + width] = small
+    both[_MARGIN_PX + height :, : sheet.shape[1]] = sheet
     return both
 
 

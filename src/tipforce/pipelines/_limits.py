@@ -80,17 +80,28 @@ def limits_in_dataset(estimator: RodTrack, dataset: Dataset) -> tuple[str, Force
     Returns:
         Name of the session, and its limits; None where the session lacks metadata that the model needs.
     """
-    name = max(dataset.sessions, key=lambda each: int((dataset.session == each).sum()))
+    name = max(dataset.sessions, key=lambda session: int((dataset.session == session).sum()))
     rows = (dataset.session == name).nonzero()[0]
     view = estimator.views[0]
     stream = estimator.start(dataset.session_info[name], calibration_images(dataset, name, view))
     if not isinstance(stream, RodTrackStream):
         return None
-    seen = dataset.subset(rows[:: -(-len(rows) // MAX_FRAMES)])
-    return name, _limits(stream, seen.observations(), view, name)
+    frames = dataset.subset(rows[:: -(-len(rows) // MAX_FRAMES)])  # every n-th one, n rounded up
+    return name, _limits(stream, frames.observations(), view, name)
 
 
 def _limits(stream: RodTrackStream, frames: Iterable[Observation], view: str, where: str) -> ForceLimits:
+    """Runs the session model over frames, and collects its uncertainty after each frame that it could use.
+
+    Args:
+        stream: the started session model.
+        frames: the frames in order.
+        view: the view that the model reads.
+        where: name of the data, for the message.
+
+    Raises:
+        InputError: there is no frame.
+    """
     tally, count = LimitsTally(), 0
     for observation in frames:
         before = stream.filter.newest

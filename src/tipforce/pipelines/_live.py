@@ -1,5 +1,6 @@
 """Live estimation: a source of the present, the engine, the page, and all other receivers of the estimates."""
 
+import math
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -149,11 +150,11 @@ def simulated_bench(preset: str, settings: LiveRunSettings) -> AnySimulationSett
     bench = preset_settings(preset, None, changes)
     if settings.hold is None:
         return bench
-    held = bench_of_regime(bench, settings.hold.contact, SESSION_S)
+    moving = bench_of_regime(bench, settings.hold.contact, SESSION_S)
     if settings.rate_hz is None:
-        return held
-    clock = held.world.clock.model_copy(update={"fps": settings.rate_hz})
-    return held.model_copy(update={"world": held.world.model_copy(update={"clock": clock})})
+        return moving
+    clock = moving.world.clock.model_copy(update={"fps": settings.rate_hz})  # the regime has set a rate of its own
+    return moving.model_copy(update={"world": moving.world.model_copy(update={"clock": clock})})
 
 
 def slow_bench(clock: Clock, rate_hz: float, remedy: str) -> str:
@@ -199,14 +200,19 @@ class _CurrentDrives(ClosedAtExit):
         self._simulation.actuators.stop(*axes)
 
     def _of_same_session(self, use: Callable[[Actuators], _T]) -> _T:
+        """Uses the drives and returns the result, which counts only if no other session has begun since the last call.
+
+        The first call in a new session raises InputError: the drives have jumped to their first positions, so that a
+        loop must not continue with them.
+        """
         same, self._session = self.sessions == self._session, self.sessions
         try:
-            done = use(self._simulation.actuators)
+            result = use(self._simulation.actuators)
         except RuntimeError:  # the bench is closed
-            same, done = False, None
-        if not same or done is None:
+            same, result = False, None
+        if not same or result is None:
             raise InputError(_OTHER_SESSION if self.sessions > 1 else "the simulated session begins")
-        return done
+        return result
 
 
 class _BenchInRealTime(ClosedAtExit):
@@ -225,6 +231,7 @@ class _BenchInRealTime(ClosedAtExit):
         self._drawn = False
 
     def __iter__(self) -> Iterator[Event]:
+        """Yields the events of one session after another, with stamps on `clock`: each session counts from 0."""
         while True:
             with self._simulation as bench:
                 self.actuators.sessions += 1
@@ -301,7 +308,7 @@ def live(
         limit_n = min(settings.contact.limit_n, control.settings.safety.limit_n)
         control.set_limit(limit_n)
         settings = settings.model_copy(update={"contact": settings.contact.model_copy(update={"limit_n": limit_n})})
-    sinks = [open_sink(each) for each in outputs]
+    sinks = [open_sink(address) for address in outputs]
     engine = Engine(source, estimator, sinks, settings=settings, clock=clock, model=model)
 
     def report() -> LiveReport:
@@ -318,8 +325,8 @@ def live(
         stack.enter_context(engine.running())
         if control is not None:
             stack.enter_context(control)  # it ends first, so the drives stop immediately
-        end = None if seconds is None else time.monotonic() + seconds
-        while not engine.wait(_LINE_S) and (end is None or time.monotonic() < end):
+        end_s = None if seconds is None else time.monotonic() + seconds
+        while not engine.wait(_LINE_S) and (end_s is None or time.monotonic() < end_s):
             latest = engine.latest()
             if on_update is not None and latest is not None:
                 on_update(latest)
@@ -327,7 +334,19 @@ def live(
 
 
 def _control(source: Source, clock: Clock, hold: HoldSettings, *, with_page: bool) -> LiveControl:
-    """Makes the loop for the drives of ``source``."""
+    """Makes the loop that holds a force with the drives of ``source``.
+
+    On a simulated bench its path is that of the benchmark, and the true force is recorded; else the operator marks it.
+
+    Args:
+        source: the source of images and drives.
+        clock: the engine's clock.
+        hold: settings of the loop.
+        with_page: whether there is a page, on which the operator can stop.
+
+    Raises:
+        InputError: the source has no drives, or there is no page.
+    """
     drives = source.actuators if isinstance(source, _Driven) else None
     if drives is None:
         raise InputError(
@@ -372,7 +391,7 @@ def live_line(update: LiveUpdate) -> str:
         parts.append(update.clinical.contact.value.replace("_", " "))
     if update.zero is not None:
         parts.append(f"zero {newtons_to_grams(update.zero.magnitude_n):+.1f} g")
-    if health.latency_p50_s == health.latency_p50_s:
+    if not math.isnan(health.latency_p50_s):
         parts.append(f"{1e3 * health.latency_p50_s:.1f} ms (p99 {1e3 * health.latency_p99_s:.1f})")
     parts.append(f"{health.frames_per_s:.1f} images/s")
     if health.dropped:

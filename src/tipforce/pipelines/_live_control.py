@@ -143,11 +143,11 @@ class LiveControl:
         """Returns the marks of the settings, else ``marks``. Raises InputError if they make no path of the drives."""
         start, goal = marks or (None, None)
         first = _Marks(self.settings.start or start, self.settings.goal or goal)
-        for places in (first.start, first.goal):
-            if places is not None and set(places) != set(self._axes):
+        for mark in (first.start, first.goal):
+            if mark is not None and set(mark) != set(self._axes):
                 raise InputError(
                     f"hold.start and hold.goal: expected {' and '.join(self._axes)} as drives = {self.settings.drives} "
-                    f"has it, got {' and '.join(places) or 'nothing'}"
+                    f"has it, got {' and '.join(mark) or 'nothing'}"
                 )
         first.path()  # raises InputError where both are one position
         return first
@@ -174,6 +174,7 @@ class LiveControl:
         self._thread.join(_JOIN_S)
 
     def _run(self) -> None:
+        """Commands the drives every ``period_s`` on the control thread; a late tick delays the ones after it."""
         period_ns = round(1e9 * self.settings.period_s)
         next_ns = self._clock.now_ns()
         while not self._ending.wait(max(0.0, (next_ns - self._clock.now_ns()) * 1e-9)):
@@ -182,18 +183,17 @@ class LiveControl:
             next_ns = max(next_ns + period_ns, self._clock.now_ns())
 
     def _step(self) -> None:
+        """Reads the drives, commands them once if there is a loop, and updates the status for the page."""
         try:
             with self._lock:
-                axes = self._places()
+                axes = self._positions()
                 loop = self._connected()
                 if loop is not None:
                     loop.safety.set_limit(self._limit_n)
                 tick = None if loop is None or self._stopped else self._tick(loop)
                 self._why_not_ready = ""
                 self._status = self._status_of(loop, tick, axes)
-        except (
-            Exception
-        ) as error:  # drives are other people's code: after any of its errors the catheter must not go on
+        except Exception as error:  # drives are other people's code: after any error the catheter must not go on
             self._failed(error)
 
     def _record(self) -> None:
@@ -206,14 +206,15 @@ class LiveControl:
                 self._recording = self.running or self._stopped
             self._recorded_ns = now_ns
 
-    def _places(self) -> dict[str, float]:
+    def _positions(self) -> dict[str, float]:
+        """Returns the position of each drive of the path, in mm or degrees. Raises InputError if one is missing."""
         values = self._actuators.read().values
         if missing := [axis for axis in self._axes if axis not in values]:
             raise InputError(f"drives: there is no axis {missing[0]}; there are {', '.join(values)}")
         return {axis: values[axis] for axis in self._axes}
 
     def _connected(self) -> ControlLoop | None:
-        """Returns the loop, as soon as there are drives and a path."""
+        """Returns the loop, which is made as soon as there are drives and a path; None before that."""
         if self._loop is None and (path := self._marks.path()) is not None:
             loop = ControlLoop(self._actuators, self._clock, path, self.settings, self._frame_period_s)
             loop.safety.set_limit(self._limit_n)
@@ -264,7 +265,7 @@ class LiveControl:
         elif loop is not None:
             state, reason = loop.state.value, reason or loop.progress or "ready"
         elif not reason:
-            missing = [name for name, places in (("start", marks.start), ("goal", marks.goal)) if places is None]
+            missing = [name for name, mark in (("start", marks.start), ("goal", marks.goal)) if mark is None]
             reason = f"mark {' and '.join(missing)}" if missing else "waiting for the drives"
         place_mm = loop.path.position_mm(axes) if loop is not None and axes else math.nan
         newest = self._runs[-1] if self._runs else None
@@ -339,11 +340,16 @@ class LiveControl:
         """Ends the path where the drives are now. Raises InputError during a run."""
         self._mark(lambda here: _Marks(self._marks.start, here))
 
-    def _mark(self, marked: Callable[[dict[str, float]], _Marks]) -> None:
+    def _mark(self, marks_of: Callable[[dict[str, float]], _Marks]) -> None:
+        """Replaces the marks by ``marks_of`` the present positions; the loop is made anew for the new path.
+
+        Raises:
+            InputError: a run is on its way, or the path would be shorter than `_SHORTEST_MM`.
+        """
         with self._lock:
             if self.running:
                 raise InputError("a run is on its way; stop or retract it before a mark is set")
-            marks = marked(self._places())
+            marks = marks_of(self._positions())
             path = marks.path()
             if path is not None and path.length_mm < _SHORTEST_MM:
                 raise InputError(
@@ -414,14 +420,22 @@ class LiveControl:
             raise InputError(f"stopped ({self._why_stopped}); release it first")
 
     def _need_on_path(self, loop: ControlLoop) -> None:
-        """Checks that each drive faster than the limits is on the path: a target jumps to it immediately."""
-        places, path, limits = self._places(), loop.path, self._actuators.limits
-        on_path = path.targets(min(max(path.position_mm(places), 0.0), path.length_mm))
-        own = {ADVANCE: self.settings.safety.max_advance_mm_per_s, KNOB: self.settings.safety.max_knob_deg_per_s}
-        for axis, place in on_path.items():
-            tolerance = _OFF_MM * abs(path.slope(axis)) or _OFF_MM
-            if limits[axis].max_speed > own[axis] and abs(places[axis] - place) > tolerance:
+        """Checks that each drive that is faster than the limits is on the path.
+
+        The first command sends a drive to the path. The limits of speed act along the path only, so a fast drive that
+        is off it would jump. A drive that is slower than the limits cannot.
+
+        Raises:
+            InputError: such a drive is farther from the path than `_OFF_MM` of it.
+        """
+        positions, path, limits = self._positions(), loop.path, self._actuators.limits
+        nearest = path.targets(min(max(path.position_mm(positions), 0.0), path.length_mm))
+        safety = self.settings.safety
+        allowed_speeds = {ADVANCE: safety.max_advance_mm_per_s, KNOB: safety.max_knob_deg_per_s}
+        for axis, target in nearest.items():
+            tolerance = _OFF_MM * abs(path.slope(axis)) or _OFF_MM  # in the axis's unit; an axis may rest on the path
+            if limits[axis].max_speed > allowed_speeds[axis] and abs(positions[axis] - target) > tolerance:
                 raise InputError(
-                    f"{axis}: {places[axis]:.1f} is off the path from start to goal (there {place:.1f}); bring it "
+                    f"{axis}: {positions[axis]:.1f} is off the path from start to goal (there {target:.1f}); bring it "
                     "there, or mark start and goal anew"
                 )

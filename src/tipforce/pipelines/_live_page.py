@@ -127,7 +127,15 @@ class _Recorder:
         self._ended = False
 
     def switch(self, on: bool) -> None:
-        """Begins or ends a recording. Raises InputError where its file cannot be made."""
+        """Begins or ends a recording, which is a sink of the engine.
+
+        Args:
+            on: whether a recording shall run; nothing happens where that is so already.
+
+        Raises:
+            InputError: the file cannot be made.
+            OutputError: the recording that is ended here had failed.
+        """
         if self._sink is not None and (not on or self._ended):
             sink, self._sink = self._sink, None
             health = self._engine.remove_sink(sink)

@@ -27,18 +27,18 @@ FINDING_COLOURS: dict[str, str] = {
 _POINTS = 4000
 
 
-def plot_run(reader: RecordingReader, found: Labels | None, path: Path) -> None:
+def plot_run(reader: RecordingReader, forces: Labels | None, path: Path) -> None:
     """Plots the force at the frames, the middle frame of each view, and the intervals between the first view's frames.
 
     Args:
         reader: the open recording.
-        found: forces at the frames; None: there are none.
+        forces: forces at the frames; None: there are none.
         path: the file, .png or .svg.
     """
     figure = Figure(figsize=(10.5, 3.6), dpi=120, layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(2.6, 1.0), height_ratios=(2.2, 1.0))
     force, image_axes, steps = (figure.add_subplot(grid[place]) for place in ((slice(None), 0), (0, 1), (1, 1)))
-    _force(force, reader, found)
+    _force(force, reader, forces)
     if not reader.views:
         image_axes.axis("off")
         steps.axis("off")
@@ -55,26 +55,34 @@ def plot_run(reader: RecordingReader, found: Labels | None, path: Path) -> None:
 
 def _together(reader: RecordingReader, stamp_ns: int) -> Image:
     """Returns the image of each view that is nearest to ``stamp_ns``, side by side."""
-    places = (int(np.argmin(np.abs(reader.stamps(view) - stamp_ns))) for view in reader.views)
-    images = [reader.frame_at(place, view).image for place, view in zip(places, reader.views, strict=True)]
+    nearest = (int(np.argmin(np.abs(reader.stamps(view) - stamp_ns))) for view in reader.views)
+    images = [reader.frame_at(index, view).image for index, view in zip(nearest, reader.views, strict=True)]
     if len(images) == 1:
         return images[0]
-    tall = max(image.shape[0] for image in images)
+    height = max(image.shape[0] for image in images)
     grey = [image if image.ndim == 2 else image.mean(axis=2).astype(np.uint8) for image in images]
-    return np.hstack([np.pad(image, ((0, tall - image.shape[0]), (0, 4)), constant_values=255) for image in grey])
+    # white below smaller images, and 4 px of it between two
+    return np.hstack([np.pad(image, ((0, height - image.shape[0]), (0, 4)), constant_values=255) for image in grey])
 
 
-def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
+def _force(axes: Axes, reader: RecordingReader, forces: Labels | None) -> None:
+    """Plots the known components of the force in N over the time since the first frame, with tare and findings.
+
+    Args:
+        axes: the axes.
+        reader: the open recording: clock map, tare and implausible stretches are in the title and the background.
+        forces: forces at the frames; None: there are none.
+    """
     plain_axes(axes)
     axes.set_xlabel("time, s", color=INK)
-    if found is None or np.isnan(found.force_n).all():
+    if forces is None or np.isnan(forces.force_n).all():
         axes.text(0.5, 0.5, "no force at the frames", ha="center", va="center", color=GREY, transform=axes.transAxes)
         return
-    origin = int(found.stamp_ns[0])
-    thin = slice(None, None, max(1, len(found.stamp_ns) // _POINTS))
-    seconds = (found.stamp_ns[thin] - origin) * 1e-9
-    for axis in np.flatnonzero(found.known).tolist():
-        axes.plot(seconds, found.force_n[thin, axis], color=COLOURS[axis], lw=1.0, label=f"f{'xyz'[axis]}")
+    origin = int(forces.stamp_ns[0])
+    thin = slice(None, None, max(1, len(forces.stamp_ns) // _POINTS))
+    seconds = (forces.stamp_ns[thin] - origin) * 1e-9
+    for axis in np.flatnonzero(forces.known).tolist():
+        axes.plot(seconds, forces.force_n[thin, axis], color=COLOURS[axis], lw=1.0, label=f"f{'xyz'[axis]}")
     info = reader.info
     for number, (start, end) in enumerate(info.tare.stretches_s):
         wrench = next(stream for stream in info.streams.values() if stream.kind == "wrench")
@@ -87,17 +95,14 @@ def _force(axes: Axes, reader: RecordingReader, found: Labels | None) -> None:
     grams = axes.secondary_yaxis("right", functions=(_grams, _newtons))
     grams.set_ylabel("g", color=INK)
     grams.tick_params(colors=INK, labelsize=9)
-    offset = info.clock_map
-    said = (
-        f"clock offset {offset.offset_ms:+.1f} ms"
-        if offset.how in ("estimated", "stated", "stage")
-        else f"clock map {offset.how}"
-    )
-    if offset.how == "estimated":
-        said += f" ± {offset.stderr_ms:.1f}"
-    if offset.rate != 1.0:
-        said += f", rate {offset.rate:.5g}"
-    axes.set_title(f"{reader.path.name}   {said}", fontsize=10, color=INK, loc="left", pad=22)
+    clock = info.clock_map
+    known = clock.how in ("estimated", "stated", "stage")
+    text = f"clock offset {clock.offset_ms:+.1f} ms" if known else f"clock map {clock.how}"
+    if clock.how == "estimated":
+        text += f" ± {clock.stderr_ms:.1f}"
+    if clock.rate != 1.0:
+        text += f", rate {clock.rate:.5g}"
+    axes.set_title(f"{reader.path.name}   {text}", fontsize=10, color=INK, loc="left", pad=22)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, fontsize=9, borderaxespad=0.1)
 
 
@@ -116,8 +121,8 @@ def _findings(axes: Axes, reader: RecordingReader, origin_ns: int) -> None:
 
 def _camera_s(clock: ClockMap, first_ns: int, stretch_s: tuple[float, float], origin_ns: int) -> tuple[float, float]:
     """Returns a stretch of the force log, in seconds since its first row, on the camera's clock since ``origin_ns``."""
-    own = first_ns + np.rint(1e9 * np.array(stretch_s)).astype(np.int64)
-    start, end = (clock.camera_ns(own) - origin_ns) * 1e-9
+    force_ns = first_ns + np.rint(1e9 * np.array(stretch_s)).astype(np.int64)
+    start, end = (clock.camera_ns(force_ns) - origin_ns) * 1e-9
     return float(start), float(end)
 
 

@@ -163,6 +163,7 @@ def simulate_dataset(
 
 
 def _merge(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Writes ``changes`` into ``values``; nested tables are merged, other values replaced."""
     for key, value in changes.items():
         if isinstance(value, Mapping) and isinstance(values.get(key), dict):
             _merge(values[key], value)

@@ -30,7 +30,8 @@ from ..types import Actuation, Frame, IntArray, Observation
 
 _BYTES_PER_PX = {False: 0.2, True: 2.6}
 """Bytes per pixel of an image, lossless or not, with a margin."""
-_LARGE = 1e9
+_LARGE_BYTES = 1e9
+"""Above this the size of a dataset is stated before it is written."""
 
 
 def write_samples(
@@ -82,9 +83,8 @@ def write_samples(
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     manifest.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     work = partial(_write_session, wanted, into, masks, lossless)
-    what = f"simulating {len(todo)} sessions"
-    chosen = executor or LocalExecutor()
-    chosen.run(work, todo, steps=wanted.per_session, shared=folder, progress=partial(progress, what))
+    shown = partial(progress, f"simulating {len(todo)} sessions")
+    (executor or LocalExecutor()).run(work, todo, steps=wanted.per_session, shared=folder, progress=shown)
     settings = wanted.settings
     into.finish(f"{settings.preset}, seed {wanted.seed}, {wanted.samples} simulated samples")
 
@@ -99,41 +99,62 @@ def _read_made(path: Path) -> dict[str, Any]:
 
 
 def _check_room(folder: Path, wanted: SampleSet, lossless: bool, say: Callable[[str], None]) -> None:
+    """Checks that the disk has room for the samples, and states the size where it is large.
+
+    Args:
+        folder: the dataset folder; it need not exist.
+        wanted: the samples.
+        lossless: whether images are written lossless.
+        say: called with a line for people.
+
+    Raises:
+        InputError: the disk has too little room.
+    """
     settings = wanted.settings
-    need = wanted.samples * len(wanted.views) * settings.width * settings.height * _BYTES_PER_PX[lossless]
-    place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    free = shutil.disk_usage(place).free
-    if need > free:
+    needed_bytes = wanted.samples * len(wanted.views) * settings.width * settings.height * _BYTES_PER_PX[lossless]
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    free_bytes = shutil.disk_usage(existing).free
+    if needed_bytes > free_bytes:
         raise InputError(
-            f"{folder}: some {need / 1e9:.1f} GB are needed and {free / 1e9:.1f} GB are free; take fewer samples or "
-            "another disk"
+            f"{folder}: some {needed_bytes / 1e9:.1f} GB are needed and {free_bytes / 1e9:.1f} GB are free; take fewer "
+            "samples or another disk"
         )
-    if need > _LARGE:
-        say(f"some {need / 1e9:.1f} GB will be written to {folder}")
+    if needed_bytes > _LARGE_BYTES:
+        say(f"some {needed_bytes / 1e9:.1f} GB will be written to {folder}")
 
 
 def _write_session(
     wanted: SampleSet, into: Growing, masks: bool, lossless: bool, number: int, tick: Callable[[], None]
 ) -> None:
+    """Simulates the samples of one session, and adds them and their truth to the dataset.
+
+    Args:
+        wanted: preset, seed and numbers of the samples.
+        into: the dataset that grows.
+        masks: whether the true masks of the catheter are written, too.
+        lossless: keep every pixel as it is rendered.
+        number: number of the session.
+        tick: called for each sample.
+    """
     cv2.setNumThreads(1)  # there is a process for every core
     bench = wanted.bench(number)
     frames = wanted.frames(bench, number)
     truth = collect_truth(bench, frames)
     write_truth(truth, truth_path(into.folder / "truth" / bench.name))
-    hidden = _masks(bench, truth) if masks else {}
-    seen = _observed(bench, frames, tick)
-    into.add(number, _labelled(bench, frames, seen, wanted.offset_ms(bench, number), hidden, lossless))
+    true_masks = _masks(bench, truth) if masks else {}
+    observed = _observed(bench, frames, tick)
+    into.add(number, _labelled(bench, frames, observed, wanted.offset_ms(bench, number), true_masks, lossless))
 
 
 def _masks(bench: SimulatedBench, truth: Truth) -> dict[str, list[bytes]]:
     """Returns the true masks of every view as PNGs, 255 where the catheter is."""
-    shown = dict(zip(bench.views, (truth, *truth.others.values()), strict=True))
+    truth_by_view = dict(zip(bench.views, (truth, *truth.others.values()), strict=True))
     return {
         view: [
-            encode_image(each.mask(k).astype(np.uint8) * np.uint8(255), lossless=True, jpeg_quality=0)[1]
+            encode_image(view_truth.mask(k).astype(np.uint8) * np.uint8(255), lossless=True, jpeg_quality=0)[1]
             for k in range(len(truth.stamp_ns))
         ]
-        for view, each in shown.items()
+        for view, view_truth in truth_by_view.items()
     }
 
 
@@ -151,13 +172,29 @@ def _observed(bench: SimulatedBench, frames: IntArray, tick: Callable[[], None])
 def _labelled(
     bench: SimulatedBench,
     frames: IntArray,
-    seen: Sequence[Observation],
+    observed: Sequence[Observation],
     offset_ms: float,
     masks: Mapping[str, Sequence[bytes]],
     lossless: bool,
 ) -> SessionSamples:
+    """Labels observations from the simulated force log, as an import of the session would.
+
+    Args:
+        bench: the session.
+        frames: (n,) indices of the frames.
+        observed: the n observations at these frames.
+        offset_ms: camera clock minus force clock.
+        masks: view -> n true masks as PNG; empty: none are written.
+        lossless: images as PNG, else as JPEG.
+
+    Returns:
+        The samples with forces in N, base frame, and encoded images.
+
+    Raises:
+        InputError: a frame gets no force.
+    """
     info, log = bench.session_info, bench.log
-    found = label_log(
+    labels = label_log(
         bench.stamp_ns[frames],
         (log.stamp_ns, log.force_n),
         bench.stage_log(),
@@ -165,21 +202,21 @@ def _labelled(
         tare=info.sensor.no_contact_s or "none",
         offset_ms=offset_ms,
     )
-    if not np.isfinite(found.force_n[:, found.known]).all():
+    if not np.isfinite(labels.force_n[:, labels.known]).all():
         raise InputError(f"{bench.name}: the force sensor's readings are too rare to label its images")
-    names = dict.fromkeys(name for observation in seen for name in observation.actuation)
+    drives = dict.fromkeys(name for observation in observed for name in observation.actuation)
     quality = bench.imaging.jpeg_quality
     encoded = {
-        view: [encode_image(each.views[view], lossless=lossless, jpeg_quality=quality)[1] for each in seen]  # type: ignore[arg-type]
-        for view in seen[0].views
+        view: [encode_image(each.views[view], lossless=lossless, jpeg_quality=quality)[1] for each in observed]  # type: ignore[arg-type]
+        for view in observed[0].views
     }
     return SessionSamples(
         session_info=info,
         frame=frames,
-        stamp_ns=found.stamp_ns,
-        actuation={name: np.array([each.actuation.get(name, np.nan) for each in seen]) for name in names},
-        force_n=found.force_n,
-        known=found.known,
+        stamp_ns=labels.stamp_ns,
+        actuation={name: np.array([each.actuation.get(name, np.nan) for each in observed]) for name in drives},
+        force_n=labels.force_n,
+        known=labels.known,
         images=encoded,
         suffix=".png" if lossless else ".jpg",
         masks=masks,

@@ -50,30 +50,33 @@ class StageMotion:
             time_s: time since the motion began.
         """
         share = min(1.0, time_s / _RAMP_S)
-        share = share * share * (3.0 - 2.0 * share)
+        share = share * share * (3.0 - 2.0 * share)  # smooth step: no jump of the speed at either end
         heart = self._heart.command(time_s)
         return {axis: self._rest[axis] + share * (heart[axis] - self._rest[axis]) for axis in self._axes}
 
     def needs(self) -> dict[str, AxisLimits]:
-        """Returns the motion's needs for each axis: range in mm, largest speed in mm/s and acceleration in mm/s^2."""
+        """Returns the motion's needs for each axis: range in mm, largest speed in mm/s and acceleration in mm/s^2.
+
+        The maxima of heart and breath are added: at some time both coincide. Only the forward axis breathes.
+        """
         config = self.config
-        time_s = np.linspace(0.0, 1.0 / config.rate_hz, _SAMPLES)
-        breath = 2.0 * math.pi * config.respiration_hz
-        found: dict[str, AxisLimits] = {}
+        time_s = np.linspace(0.0, 1.0 / config.rate_hz, _SAMPLES)  # one beat
+        breath_rad_per_s = 2.0 * math.pi * config.respiration_hz
+        needs: dict[str, AxisLimits] = {}
         for axis in self._axes:
             forward = axis == STAGE_FORWARD
-            wave = config.amplitude_mm * (self._heart.forward(time_s) if forward else self._heart.lateral(time_s))
-            speed = np.gradient(wave, time_s)
+            heart_mm = config.amplitude_mm * (self._heart.forward(time_s) if forward else self._heart.lateral(time_s))
+            speed = np.gradient(heart_mm, time_s)
             breath_mm = config.respiration_mm if forward else 0.0
             middle_mm = config.middle_mm if forward else 0.0
-            reach_mm = float(np.abs(wave).max()) + breath_mm
-            found[axis] = AxisLimits(
+            reach_mm = float(np.abs(heart_mm).max()) + breath_mm
+            needs[axis] = AxisLimits(
                 middle_mm - reach_mm,
                 middle_mm + reach_mm,
-                float(np.abs(speed).max()) + breath_mm * breath,
-                float(np.abs(np.gradient(speed, time_s)).max()) + breath_mm * breath**2,
+                float(np.abs(speed).max()) + breath_mm * breath_rad_per_s,
+                float(np.abs(np.gradient(speed, time_s)).max()) + breath_mm * breath_rad_per_s**2,
             )
-        return found
+        return needs
 
     def check(self, limits: Mapping[str, AxisLimits]) -> None:
         """Checks the motion against the limits of the axes.
@@ -82,23 +85,23 @@ class StageMotion:
             InputError: an axis is missing, or cannot do it; the message names the line of ``bench.toml``.
         """
         for axis, need in self.needs().items():
-            has, table = limits.get(axis), f"hardware.stage.axes.{axis}"
-            if has is None:
+            limit, table = limits.get(axis), f"hardware.stage.axes.{axis}"
+            if limit is None:
                 raise InputError(f"hardware.stage.motion moves {axis}; add [{table}] to bench.toml")
-            place, speed = f"{table}.low = {has.low:g} and high = {has.high:g}", has.max_speed
-            acceleration = has.max_acceleration
-            if need.low < has.low or need.high > has.high:
-                found = f"goes from {need.low:g} to {need.high:g} mm, beyond {place}"
+            speed, acceleration = limit.max_speed, limit.max_acceleration
+            if need.low < limit.low or need.high > limit.high:
+                allowed = f"{table}.low = {limit.low:g} and high = {limit.high:g}"
+                fault = f"goes from {need.low:g} to {need.high:g} mm, beyond {allowed}"
             elif need.max_speed > speed:
-                found = f"needs {need.max_speed:.1f} mm/s, but {axis} goes at most {speed:.1f} (max_speed, or its $110)"
+                fault = f"needs {need.max_speed:.1f} mm/s, but {axis} goes at most {speed:.1f} (max_speed, or its $110)"
             elif need.max_acceleration > acceleration:
-                found = (
+                fault = (
                     f"needs {need.max_acceleration:.0f} mm/s^2, but {axis} has at most {acceleration:.0f} "
                     "(max_acceleration, or its $120)"
                 )
             else:
                 continue
-            raise InputError(f"hardware.stage.motion {found}; lower its amplitude_mm or rate_hz, or move its middle_mm")
+            raise InputError(f"hardware.stage.motion {fault}; lower its amplitude_mm or rate_hz, or move its middle_mm")
 
     def begin(self, stage: GrblActuators, timeout_s: float, stopped: Callable[[], bool] = lambda: False) -> None:
         """Moves the stage to the beginning of the motion, waits for it, and starts the motion after its rest.

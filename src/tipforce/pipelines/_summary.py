@@ -81,6 +81,7 @@ class RecordingSummary:
 
 
 def _plain(value: Any) -> Any:
+    """Returns a JSON value in which each NaN is None and each tuple a list, also inside."""
     if isinstance(value, dict):
         return {key: _plain(inner) for key, inner in value.items()}  # pyright: ignore[reportUnknownVariableType]
     if isinstance(value, list | tuple):
@@ -89,25 +90,29 @@ def _plain(value: Any) -> Any:
 
 
 def summarise_recording(path: Path | str) -> RecordingSummary:
-    """Returns streams, rates, drops, offset, tare and ranges of a recording. Raises FileFormatError."""
+    """Summarises a recording: its streams, the size of its images, its labels, and the ranges of forces and drives.
+
+    Raises:
+        FileFormatError: it cannot be read.
+    """
     with RecordingReader(path) as reader:
         info = reader.info
         streams = [stream for stream in info.streams.values() if stream.count]
-        frames = next(iter(reader.views), None)
-        size, labelled, ranges, drives, why = None, 0, {}, {}, ""
-        if frames is not None:
-            image = reader.frame_at(0, frames).image
+        first_view = next(iter(reader.views), None)
+        size, labelled, ranges, drives = None, 0, {}, {}
+        if first_view is not None:
+            image = reader.frame_at(0, first_view).image
             size = (image.shape[1], image.shape[0])
             drives = {
                 name: (float(np.nanmin(values)), float(np.nanmax(values)))
-                for name, values in reader.actuation_at(reader.stamps(frames)).items()
+                for name, values in reader.actuation_at(reader.stamps(first_view)).items()
                 if not np.isnan(values).all()
             }
-        found, why = _labels(reader, frames)
-        if found is not None:
-            everywhere = [found, *(labels(reader, camera=view) for view in reader.views[1:])]
-            labelled = sum(int(np.sum(~np.isnan(each.force_n).all(axis=1))) for each in everywhere)
-            ranges = _ranges(found) if labelled else {}
+        first_labels, why = _labels(reader, first_view)
+        if first_labels is not None:
+            all_labels = [first_labels, *(labels(reader, camera=view) for view in reader.views[1:])]
+            labelled = sum(int(np.sum(~np.isnan(of_view.force_n).all(axis=1))) for of_view in all_labels)
+            ranges = _ranges(first_labels) if labelled else {}
         return RecordingSummary(
             path=reader.path,
             info=info,
@@ -128,22 +133,25 @@ def _paired(reader: RecordingReader) -> dict[str, int]:
     return dict(zip(reader.views[1:], counts, strict=True))
 
 
-def _labels(reader: RecordingReader, frames: str | None) -> tuple[Labels | None, str]:
+def _labels(reader: RecordingReader, view: str | None) -> tuple[Labels | None, str]:
+    """Returns the forces at the frames of a view, and ""; or None, and the reason why there are none."""
     force = next((stream.name for stream in reader.info.streams.values() if stream.kind == "wrench"), None)
-    if frames is None or force is None:
-        return None, "the recording holds no frames" if frames is None else "the recording holds no forces"
+    if view is None or force is None:
+        return None, "the recording holds no frames" if view is None else "the recording holds no forces"
     try:
-        return labels(reader, camera=frames, force=force), ""
+        return labels(reader, camera=view, force=force), ""
     except InputError as error:
         return None, str(error)
 
 
-def _ranges(found: Labels) -> dict[str, tuple[float, float]]:
+def _ranges(forces: Labels) -> dict[str, tuple[float, float]]:
+    """Returns smallest and largest label in newtons of each known component ("fx") and of the "magnitude"."""
+
     def ends(values: FloatArray) -> tuple[float, float]:
         return float(np.nanmin(values)), float(np.nanmax(values))
 
-    ranges = {f"f{'xyz'[axis]}": ends(found.force_n[:, axis]) for axis in np.flatnonzero(found.known).tolist()}
-    ranges["magnitude"] = ends(np.sqrt(np.sum(found.force_n[:, found.known] ** 2, axis=1)))
+    ranges = {f"f{'xyz'[axis]}": ends(forces.force_n[:, axis]) for axis in np.flatnonzero(forces.known).tolist()}
+    ranges["magnitude"] = ends(np.sqrt(np.sum(forces.force_n[:, forces.known] ** 2, axis=1)))
     return ranges
 
 
@@ -162,8 +170,8 @@ def plot_summary(summary: RecordingSummary, path: Path | str) -> None:
     from ._plot import plot_run  # matplotlib takes a third of a second to load
 
     with RecordingReader(summary.path) as reader:
-        found, _ = _labels(reader, next(iter(reader.views), None))
-        plot_run(reader, found, Path(path))
+        forces, _ = _labels(reader, next(iter(reader.views), None))
+        plot_run(reader, forces, Path(path))
 
 
 def describe_recording(summary: RecordingSummary) -> list[str]:
@@ -213,11 +221,12 @@ _NOUNS = {"frame": "frames", "wrench": "readings", "actuation": "readings", "est
 
 def _zeros(info: RecordingInfo) -> list[dict[str, str]]:
     """Returns the operator's zeros of a live run, in the order in which they were set or undone."""
-    found = [record for name, record in info.metadata.items() if name.startswith(f"{SUBTRACTED_FORCE}.")]
-    return sorted((dict(record) for record in found), key=lambda record: int(record["stamp_ns"]))
+    records = [dict(record) for name, record in info.metadata.items() if name.startswith(f"{SUBTRACTED_FORCE}.")]
+    return sorted(records, key=lambda record: int(record["stamp_ns"]))
 
 
 def _zero(record: Mapping[str, str]) -> str:
+    """Returns a sentence on a zero: the subtracted force, since when, and by whom."""
     since = f"from {int(record['stamp_ns']) * 1e-9:.3f} s on"
     magnitude_n = float(record["magnitude_n"])
     if magnitude_n == 0.0:
@@ -230,6 +239,7 @@ def _zero(record: Mapping[str, str]) -> str:
 
 
 def _clock(clock: ClockMap) -> str:
+    """Returns a clock map in words: offset, rate, their standard errors, and how they were found."""
     if clock.how == "refused":
         return f"unknown: {clock.detail}"
     if clock.how == "none":
@@ -248,6 +258,7 @@ def _clock(clock: ClockMap) -> str:
 
 
 def _inertia(inertia: Inertia) -> str:
+    """Returns in words the parts of the inertia that were removed: by the stage's log, and by harmonics of the beat."""
     carried = ", ".join(
         f"{1e3 * float(np.linalg.norm(gain)):.1f} g by {axis}"
         for axis, gain in zip(inertia.axes, inertia.gain_kg, strict=True)
@@ -261,6 +272,7 @@ def _inertia(inertia: Inertia) -> str:
 
 
 def _tare(tare: Tare) -> str:
+    """Returns a tare in words: force and standard error of each axis in mN, and the first stretches that it is from."""
     if tare.how == "none":
         return f"none ({tare.detail})" if tare.detail else "none"
     axes = [

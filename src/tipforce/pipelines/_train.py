@@ -158,20 +158,30 @@ def _train_here(asked: _Asked, progress: Progress | None) -> tuple[Estimator, Ma
 
 
 def _train_there(asked: _Asked, item: int, step: Callable[[], None]) -> tuple[Mapping[str, Any], tuple[str, ...]]:
-    """Trains on a node; it continues from the checkpoint of a node that was lost."""
-    del item
-    taken = 0
+    """Trains on a node of the cluster; it continues from the checkpoint of a node that was lost.
 
-    def progress(what: str, share: float) -> None:
-        nonlocal taken
-        del what
-        while taken < round(share * PROGRESS_STEPS):
-            taken += 1
+    Args:
+        asked: the arguments of `train`.
+        item: number of the task; there is one task only.
+        step: called for each of the `PROGRESS_STEPS` steps of the progress.
+
+    Returns:
+        Metrics and remarks: the model itself is in the folder.
+    """
+    del item
+    steps_taken = 0
+
+    def progress(text: str, share: float) -> None:
+        nonlocal steps_taken
+        del text
+        while steps_taken < round(share * PROGRESS_STEPS):
+            steps_taken += 1
             step()
 
-    left = not asked.begun and training_started(asked.output)
-    again = replace(asked, resume=asked.resume or left, overwrite=asked.overwrite or left)  # saved, and then lost
-    _, metrics, remarks = _train_here(again, progress)
+    # the folder was empty when `train` began: a node that was lost since then has written or even finished the model
+    node_lost = not asked.begun and training_started(asked.output)
+    asked = replace(asked, resume=asked.resume or node_lost, overwrite=asked.overwrite or node_lost)
+    _, metrics, remarks = _train_here(asked, progress)
     return metrics, remarks
 
 
