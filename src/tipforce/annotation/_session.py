@@ -63,11 +63,7 @@ class AnnotationSession:
     """
 
     def __init__(
-        self,
-        store: AnnotationStore,
-        images: Sequence[Image],
-        groups: Sequence[int],
-        shapes: Sequence[DetectedShape],
+        self, store: AnnotationStore, images: Sequence[Image], groups: Sequence[int], shapes: Sequence[DetectedShape]
     ) -> None:
         self._store, self.images, self._groups = store, list(images), list(groups)
         self._lock = threading.RLock()

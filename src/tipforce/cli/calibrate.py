@@ -34,8 +34,7 @@ def command(
         float, typer.Option(min=0.1, max=45.0, metavar="PERCENT", help="How well the stated stiffness is known.")
     ] = 10.0,
     views: Annotated[
-        bool,
-        typer.Option("--views", help="Only refine the pose of the second view, from the catheter's tip in both."),
+        bool, typer.Option("--views", help="Only refine the pose of the second view, from the catheter's tip in both.")
     ] = False,
     beads: Annotated[
         Path | None,

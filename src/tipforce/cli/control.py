@@ -29,10 +29,7 @@ def command(
     session: Annotated[int, typer.Option(min=0, max=999, help="Which session of the bench.")] = 0,
     seconds: Annotated[float, typer.Option(min=1.0, max=600.0, help="So long the force is held.")] = 30.0,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same run, to the byte.")] = 0,
-    no_limit: Annotated[
-        bool,
-        typer.Option("--no-limit", help="Lift the limit of the force, for a baseline."),
-    ] = False,
+    no_limit: Annotated[bool, typer.Option("--no-limit", help="Lift the limit of the force, for a baseline.")] = False,
     view: ViewOption = None,
     settings: SetOption = None,
     json_file: JsonOption = None,

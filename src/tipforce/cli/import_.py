@@ -43,7 +43,7 @@ def command(
         str,
         typer.Option(
             help="Camera clock minus force clock at the log's first row; auto: from the deflection; none: one clock; "
-            "start: the log's first row belongs to the first frame.",
+            "start: the log's first row belongs to the first frame."
         ),
     ] = "auto",
     rate: Annotated[

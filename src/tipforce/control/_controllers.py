@@ -12,7 +12,6 @@ class Controller(Protocol):
 
     def begin(self, position_mm: float) -> None:
         """Begins to hold, with the catheter at ``position_mm``."""
-        ...
 
     def add(self, sample: Sample, target_n: float, gain_n_per_mm: float) -> None:
         """Takes an estimate.
@@ -22,7 +21,6 @@ class Controller(Protocol):
             target_n: wanted force.
             gain_n_per_mm: present estimate of the plant's gain.
         """
-        ...
 
     def position_mm(self, time_s: float, target_n: float) -> float:
         """Returns the wanted position on the path.
@@ -35,7 +33,6 @@ class Controller(Protocol):
 
     def applied(self, position_mm: float) -> None:
         """Takes the position that was sent: limits may have changed the wanted one."""
-        ...
 
 
 class Still:

@@ -172,24 +172,18 @@ class LoopCommands(Protocol):
 
     def mark_start(self) -> None:
         """Marks the present position of the drives as the start of the path."""
-        ...
 
     def mark_goal(self) -> None:
         """Marks the present position of the drives as the end of the path."""
-        ...
 
     def start(self) -> None:
         """Begins a run."""
-        ...
 
     def retract(self) -> None:
         """Ends the run: the drives go back to the marked start."""
-        ...
 
     def stop(self) -> None:
         """Brakes now and keeps the drives still until `release`. Does not wait for other threads."""
-        ...
 
     def release(self) -> None:
         """Accepts commands again after a stop; nothing moves before the next command."""
-        ...

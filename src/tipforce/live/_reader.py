@@ -19,12 +19,7 @@ class SourceReader:
     """
 
     def __init__(
-        self,
-        source: Source,
-        intake: Intake,
-        settings: LiveSettings,
-        clock: Clock,
-        stop: threading.Event,
+        self, source: Source, intake: Intake, settings: LiveSettings, clock: Clock, stop: threading.Event
     ) -> None:
         self._source, self._intake, self._settings, self._clock, self._stop = source, intake, settings, clock, stop
         self.reconnects = 0

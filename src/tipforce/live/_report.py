@@ -55,10 +55,7 @@ class LiveReport:
             f"{self.seconds:.1f} s: {self.frames_in} frames, {self.estimated} estimated, {self.valid} with a force, "
             f"{self.dropped} dropped for newer ones, {self.unusable} unusable, {self.notices} notices of the watchdog"
         )
-        lines = [
-            counts,
-            f"image to force: {p50:.1f} ms (p50), {p99:.1f} ms (p99); {self.cpu_share:.0%} of a core",
-        ]
+        lines = [counts, f"image to force: {p50:.1f} ms (p50), {p99:.1f} ms (p99); {self.cpu_share:.0%} of a core"]
         if self.reconnects:
             lines.append(f"the source was opened again {self.reconnects} times")
         for name, sink in self.sinks.items():

@@ -5,13 +5,7 @@ import math
 import numpy as np
 
 from ..types import DetectedShape, Image, SessionInfo
-from ..vision import (
-    INWARD,
-    SessionCalibration,
-    ShapeDetector,
-    VisionSettings,
-    image_from_clamp,
-)
+from ..vision import INWARD, SessionCalibration, ShapeDetector, VisionSettings, image_from_clamp
 
 
 class ShapeFinder:

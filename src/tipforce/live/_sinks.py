@@ -25,7 +25,6 @@ class Sink(Protocol):
             info: metadata of the session.
             model: name of the model.
         """
-        ...
 
     def put(self, update: LiveUpdate) -> None:
         """Takes one update; may block or raise.
@@ -33,8 +32,6 @@ class Sink(Protocol):
         After an error the sink is closed and started again, after a wait that grows. After an `InputError` it is not
         started again, because that would fail, too.
         """
-        ...
 
     def close(self) -> None:
         """Closes the sink; called at the end and after each error, and possibly more than once."""
-        ...

@@ -24,14 +24,7 @@ from ..calibration import (
 )
 from ..errors import FileFormatError, InputError
 from ..geometry import CameraModel
-from ..io import (
-    ASSUMED_SHIFT_M,
-    ASSUMED_TURN_DEG,
-    FilesOfViews,
-    FileSource,
-    RecordingReader,
-    open_source,
-)
+from ..io import ASSUMED_SHIFT_M, ASSUMED_TURN_DEG, FilesOfViews, FileSource, RecordingReader, open_source
 from ..types import FloatArray, Frame, Image, SessionInfo, ViewInfo, ordered_views
 
 _Three = tuple[float, float, float]

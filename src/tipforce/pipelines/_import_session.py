@@ -46,10 +46,7 @@ _BLOCK = 1 << 14
 
 
 def merged(
-    frames: Iterable[Event],
-    force: tuple[IntArray, FloatArray] | None,
-    drives: Mapping[str, Readings],
-    shift_ns: int,
+    frames: Iterable[Event], force: tuple[IntArray, FloatArray] | None, drives: Mapping[str, Readings], shift_ns: int
 ) -> Iterator[Event]:
     """Merges images, forces and readings of drives in the order of their stamps.
 
@@ -334,12 +331,7 @@ def _drives(
     return {} if readings is None else {JOINTS: readings}
 
 
-def _check_drives(
-    drives: Mapping[str, Readings],
-    frames: tuple[int, int],
-    knob_log: Path,
-    stage_log: Path,
-) -> None:
+def _check_drives(drives: Mapping[str, Readings], frames: tuple[int, int], knob_log: Path, stage_log: Path) -> None:
     """Checks that each log of drives overlaps with the images: on another clock no reading would be used.
 
     Args:

@@ -18,18 +18,7 @@ from ..io import FileSource
 from ..live import Engine, LiveReport, LiveSettings, LiveUpdate, PacedSource
 from ..live.streams import open_sink
 from ..simulation import AnySimulationSettings, LiveSimulation, RealTimeClock
-from ..types import (
-    Actuation,
-    Actuators,
-    AxisLimits,
-    Clock,
-    Commanded,
-    Event,
-    Frame,
-    SessionInfo,
-    Source,
-    SystemClock,
-)
+from ..types import Actuation, Actuators, AxisLimits, Clock, Commanded, Event, Frame, SessionInfo, Source, SystemClock
 from ..units import newtons_to_grams
 from ._control import bench_of_regime, path_of_drives
 from ._estimate import for_source

@@ -27,16 +27,7 @@ from ..alignment import (
 )
 from ..errors import InputError, TimeError, TipforceError
 from ..io import ClockMap, Fact, RecordingWriter, check_target
-from ..types import (
-    Clock,
-    Event,
-    FloatArray,
-    Frame,
-    IntArray,
-    SensorInfo,
-    SessionInfo,
-    Source,
-)
+from ..types import Clock, Event, FloatArray, Frame, IntArray, SensorInfo, SessionInfo, Source
 from ..vision import DetectedShape, VisionSettings
 from ._run import Run, RunDetector
 from ._summary import RecordingSummary, summarise_recording
@@ -144,13 +135,7 @@ def record(
     refuse_target(target, overwrite=overwrite, origin="record")
     info, settings = source.session_info, vision or VisionSettings()
     writer = RecordingWriter(
-        target,
-        info,
-        lossless=lossless,
-        jpeg_quality=jpeg_quality,
-        clock=clock,
-        overwrite=overwrite,
-        origin="record",
+        target, info, lossless=lossless, jpeg_quality=jpeg_quality, clock=clock, overwrite=overwrite, origin="record"
     )
     with writer, source as events:
         if analysis == "along":
@@ -191,7 +176,6 @@ class RunWriter(Protocol):
 
     def state(self, fact: Fact | SensorInfo) -> None:
         """Takes a fact; the last one of its kind holds."""
-        ...
 
 
 def write_run(
@@ -294,14 +278,7 @@ def _state_facts(
     stage = run.stage
     try:
         plausible, level, inertia = find_plausible_force(
-            stamps,
-            force,
-            stage,
-            tare,
-            remarks,
-            status=status,
-            moving_mass_kg=pose.moving_mass_kg,
-            range_n=pose.range_n,
+            stamps, force, stage, tare, remarks, status=status, moving_mass_kg=pose.moving_mass_kg, range_n=pose.range_n
         )
     except InputError as error:
         raise InputError(f"{files[1]}: {error}" if files else str(error)) from None

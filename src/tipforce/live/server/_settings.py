@@ -14,19 +14,15 @@ class Commands(Protocol):
 
     def zero(self, *, by: str, confirmed_n: float | None) -> None:
         """Subtracts the present force from then on; see `tipforce.live.Engine.zero`."""
-        ...
 
     def clear_zero(self) -> None:
         """Removes the zero: nothing is subtracted any more."""
-        ...
 
     def start_integral(self) -> None:
         """Starts the force-time integral and the contact times from 0."""
-        ...
 
     def stop_integral(self) -> None:
         """Stops the force-time integral; its value stays."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

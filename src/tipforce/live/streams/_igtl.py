@@ -120,10 +120,7 @@ class OpenIGTLink:
         connection, self._socket = self._socket, None
         if connection is None:
             return
-        with (
-            contextlib.closing(connection),
-            contextlib.suppress(OSError),
-        ):  # the server may be gone
+        with contextlib.closing(connection), contextlib.suppress(OSError):  # the server may be gone
             last = b"" if self._left_out is None else self._packed(self._left_out)
             connection.settimeout(LAST_MESSAGE_S)
             connection.sendall(self._unsent + last)
