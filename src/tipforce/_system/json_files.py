@@ -4,6 +4,7 @@ All JSON of the library is read here, except for values on the command line (``-
 """
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,15 @@ def _inside(value: Any) -> list[Any]:
     if isinstance(value, dict):
         return list(value.values())  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
     return value if isinstance(value, list) else []  # pyright: ignore[reportUnknownVariableType]
+
+
+def finite_values(value: Any) -> Any:
+    """Returns a JSON value in which each number that JSON does not have (NaN, infinite) is None, also inside."""
+    if isinstance(value, Mapping):
+        return {str(key): finite_values(inner) for key, inner in value.items()}  # pyright: ignore[reportUnknownArgumentType]
+    if isinstance(value, list | tuple):
+        return [finite_values(inner) for inner in value]  # pyright: ignore[reportUnknownVariableType]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def flat_values(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:

@@ -19,7 +19,8 @@ _STATIONS = 48
 def carried_line(points_px: FloatArray, from_image: Image, to_image: Image) -> FloatArray:
     """Returns the line of one image, moved to another image of the same scene.
 
-    Points are followed by the pyramidal Lucas-Kanade method; between the followed points the motion is interpolated.
+    Points are followed by the pyramidal Lucas-Kanade method, to the other image and back: a point counts if it returns
+    to its start within `MAX_RETURN_PX`. Between the points that count the motion is interpolated.
 
     Args:
         points_px: (k, 2) points of the line in ``from_image``, base to tip.
@@ -32,12 +33,12 @@ def carried_line(points_px: FloatArray, from_image: Image, to_image: Image) -> F
     if from_image.shape[:2] != to_image.shape[:2]:
         return points_px
     line = curve_through(points_px, _STATIONS)
-    first, second = _grey(from_image), _grey(to_image)
-    start = line.astype(np.float32)[:, None]
-    moved, found = _followed(first, second, start)
-    back, found_back = _followed(second, first, moved)
-    error = np.linalg.norm((back - start)[:, 0], axis=1)
-    good = np.flatnonzero(found & found_back & (error <= MAX_RETURN_PX))
+    from_grey, to_grey = _grey(from_image), _grey(to_image)
+    start = line.astype(np.float32)[:, None]  # (n, 1, 2), as OpenCV wants it
+    moved, followed = _followed(from_grey, to_grey, start)
+    returned, followed_back = _followed(to_grey, from_grey, moved)
+    error_px = np.linalg.norm((returned - start)[:, 0], axis=1)
+    good = np.flatnonzero(followed & followed_back & (error_px <= MAX_RETURN_PX))
     if len(good) < MIN_FOLLOWED_SHARE * len(line):
         return points_px
     shift = (moved - start)[:, 0]

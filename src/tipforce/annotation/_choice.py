@@ -30,7 +30,7 @@ def choose_frames(
     Returns:
         ``count`` names, or all if there are fewer candidates.
     """
-    thumbnails = np.array([each.thumbnail for each in candidates])
+    thumbnails = np.array([candidate.thumbnail for candidate in candidates])
     pool = farthest_points(thumbnails, min(POOL * count, len(candidates)), np.ones(len(candidates)))
     uncertain = np.asarray(uncertainty([candidates[k] for k in pool.tolist()]), np.float64)
     weights = CERTAIN_WEIGHT + (1.0 - CERTAIN_WEIGHT) * uncertain

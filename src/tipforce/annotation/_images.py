@@ -87,7 +87,12 @@ class AnnotationImages:
             self._sessions = [_Folder(path, info)]
         else:
             self._sessions = [_Events(file, view, info) for file in recordings or [path]]
-        self._index = {name: (k, index) for k, own in enumerate(self._sessions) for index, name in enumerate(own.names)}
+        # name -> number of its session, and its index there
+        self._index = {
+            name: (number, index)
+            for number, session in enumerate(self._sessions)
+            for index, name in enumerate(session.names)
+        }
         if not self._index:
             raise FileFormatError(f"{path}: holds no images; expected images, recordings (.mcap), or a video file")
 
@@ -115,17 +120,17 @@ class AnnotationImages:
         """Returns the name of the image that another program calls ``name``; None if there is no such image.
 
         Another program may state the path of a file, its name without the ending, the number of a frame, or
-        DeepLabCut's ``img0012.png``.
+        DeepLabCut's ``img0012.png``. These are tried in this order; a name that fits several images fits none.
         """
         path = PurePosixPath(name.replace("\\", "/"))
-        for start in range(len(path.parts)):
+        for start in range(len(path.parts)):  # "set/run/12.png", "run/12.png", "12.png"
             if (ending := "/".join(path.parts[start:])) in self._index:
                 return ending
-        ends = [each for each in self._index if is_image(Path(each))]
-        same = [each for each in ends if each.rpartition("/")[2] == path.name]
-        same = same or [each for each in ends if Path(each).stem == name]
-        if len(same) == 1:
-            return same[0]
+        files = [file for file in self._index if is_image(Path(file))]
+        same_name = [file for file in files if file.rpartition("/")[2] == path.name]
+        same_name = same_name or [file for file in files if Path(file).stem == name]
+        if len(same_name) == 1:
+            return same_name[0]
         extracted = _EXTRACTED.match(path.stem)
         number = extracted[1] if extracted else name
         if len(self._sessions) == 1 and number.isdecimal() and int(number) < len(self._index):
@@ -152,8 +157,8 @@ class AnnotationImages:
 
     def read(self, names: Sequence[str]) -> list[Image]:
         """Returns the images ``names``, in this order: (h, w) grey or (h, w, 3) RGB, uint8."""
-        found = dict(self.each(names))
-        return [found[name] for name in names]
+        images = dict(self.each(names))
+        return [images[name] for name in names]
 
 
 def views_at(path: Path, stated: SessionInfo) -> tuple[str, ...]:
@@ -200,8 +205,8 @@ class _Events:
             if isinstance(source, RecordingReader) and view not in source.views:
                 if not source.views:
                     raise InputError(f"{file}: holds no images")
-                held = ", ".join(source.views)
-                raise InputError(f"{file}: has no view {view!r}, it has {held}: set vision.view={source.views[0]}")
+                views = ", ".join(source.views)
+                raise InputError(f"{file}: has no view {view!r}, it has {views}: set vision.view={source.views[0]}")
             if isinstance(source, FileSource) and source.file_names:
                 self.names = list(source.file_names.values())
             else:
@@ -209,6 +214,7 @@ class _Events:
                 self.names = [f"{file.name}/{index}" for index in range(count)]
 
     def read(self, indices: Sequence[int]) -> Iterator[Image]:
+        """Yields the images at increasing indices: a video is read from its beginning, a recording at each index."""
         if not indices:
             return
         with self._open() as source:

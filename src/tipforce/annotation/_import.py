@@ -47,31 +47,31 @@ def import_marks(file: Path, images: AnnotationImages, store: AnnotationStore) -
     """
     marks = read_marks(file)
     remarks = _grouped(marks.left_out)
-    found: dict[str, MarkedFrame] = {}
+    by_name: dict[str, MarkedFrame] = {}  # name of the image here -> its marks
     missing: list[str] = []
     # both views of a biplane set may have the same names of files: then the folder of the images decides
     folders = {PurePosixPath(frame.image).parent.name for frame in marks.frames}
-    own = images.path.name if images.path.name in folders else None
+    only_folder = images.path.name if images.path.name in folders else None
     for frame in marks.frames:
-        if own is not None and PurePosixPath(frame.image).parent.name not in ("", own):
+        if only_folder is not None and PurePosixPath(frame.image).parent.name not in ("", only_folder):
             continue
         name = images.resolve(frame.image)
         if name is None:
             missing.append(frame.image)
-        elif name in found:
+        elif name in by_name:
             raise InputError(f"{file}: {frame.image} and another row mean the same image, {name}; remove one of them")
         else:
-            found[name] = replace(frame, image=name)
-    if missing and not found:
+            by_name[name] = replace(frame, image=name)
+    if missing and not by_name:
         raise InputError(
             f"{file}: none of its images is in {images.path}: it has {_examples(missing)}, there is "
             f"{_examples(images.examples)}; name images by their files, or frames by their numbers from 0"
         )
-    if not found:
+    if not by_name:
         raise InputError(f"{file}: holds no annotation that can be used{'; ' if remarks else ''}{'; '.join(remarks)}")
     if missing:
         remarks.append(f"{len(missing)} images are not in {images.path} ({_examples(missing)}): left out")
-    names = list(found)
+    names = list(by_name)
     if len(names) > MAX_IMPORTED:
         spread = np.unique(np.linspace(0, len(names) - 1, MAX_IMPORTED).astype(int))
         remarks.append(
@@ -80,13 +80,24 @@ def import_marks(file: Path, images: AnnotationImages, store: AnnotationStore) -
         names = [names[k] for k in spread.tolist()]
     sizes = {images.resolve(name): size for name, size in marks.sizes_px.items()}
     for name, image in zip(names, images.read(names), strict=True):
-        _check(file, found[name], image, sizes.get(name))
-        found[name] = found[name].seen_in(image)
-    store.add(found[name] for name in names)
+        _check(file, by_name[name], image, sizes.get(name))
+        by_name[name] = by_name[name].seen_in(image)
+    store.add(by_name[name] for name in names)
     return ImportReport(len(names), tuple(remarks))
 
 
 def _check(file: Path, frame: MarkedFrame, image: Image, stated_px: tuple[int, int] | None) -> None:
+    """Checks that marks fit their image.
+
+    Args:
+        file: file of the marks, for messages.
+        frame: the marks.
+        image: (h, w) or (h, w, 3) image that they are for.
+        stated_px: width and height that the file states; None: it states none.
+
+    Raises:
+        InputError: the sizes differ, there are too many points, a point is outside, or two neighbours are the same.
+    """
     height, width = image.shape[:2]
     if stated_px is not None and stated_px != (width, height):
         raise InputError(
@@ -110,9 +121,11 @@ def _check(file: Path, frame: MarkedFrame, image: Image, stated_px: tuple[int, i
 
 
 def _grouped(left_out: dict[str, str]) -> list[str]:
-    reasons = sorted(set(left_out.values()))
-    grouped = {reason: [name for name, own in left_out.items() if own == reason] for reason in reasons}
-    return [f"{len(names)} images are left out, {reason} ({_examples(names)})" for reason, names in grouped.items()]
+    """Returns one line for each reason, with the number of images that were left out for it, and two examples."""
+    names_of: dict[str, list[str]] = {reason: [] for reason in sorted(set(left_out.values()))}
+    for name, reason in left_out.items():
+        names_of[reason].append(name)
+    return [f"{len(names)} images are left out, {reason} ({_examples(names)})" for reason, names in names_of.items()]
 
 
 def _examples(names: list[str]) -> str:

@@ -101,6 +101,7 @@ class _Page:
         )
 
     def _state(self) -> dict[str, Any]:
+        """Returns all that the page shows but the images: the frames with marks and proposals, and the training."""
         frames = [
             {
                 **{key: value for key, value in frame.values().items() if key != "thumbnail"},
@@ -125,6 +126,7 @@ class _Page:
         }
 
     async def _image(self, request: Request) -> Response:
+        """Answers with the image of a frame as JPEG, or with a small copy for ``/thumbnails``."""
         index = request.path_params["index"]
         if index >= len(self._session):
             return JSONResponse({"error": f"there is no frame {index}"}, 404)
@@ -136,6 +138,10 @@ class _Page:
         return Response(data, media_type="image/jpeg")
 
     async def _mark(self, request: Request) -> Response:
+        """Replaces the marks of a frame by the JSON values of the request, and answers with the state of the page.
+
+        The body is read in parts, so that a request that is too long is refused before it fills the memory.
+        """
         index = request.path_params["index"]
         if index >= len(self._session):
             return JSONResponse({"error": f"there is no frame {index}"}, 404)
@@ -155,25 +161,29 @@ class _Page:
         return await _answer(lambda _: mark())(request)
 
     def _training_values(self) -> dict[str, Any]:
+        """Returns the progress of the training as JSON values, and at its end the lines in frames left out."""
         status = self._training.status
-        left_out = [] if status.result is None else [self._left_out(each) for each in status.result.left_out]
+        left_out = [] if status.result is None else [self._left_out(frame) for frame in status.result.left_out]
         return {
             "state": status.state,
             "step": status.step,
             "share": status.share,
             "seconds": round(status.seconds, 1),
             "message": status.message,
-            "left_out": [each for each in left_out if each is not None],
+            "left_out": [values for values in left_out if values is not None],
         }
 
-    def _left_out(self, each: LeftOut) -> dict[str, Any] | None:
-        """Returns a frame that the training left out: its number, and the lines that were found before and after."""
-        names = [frame.image for frame in self._session.frames]
-        if each.image not in names:
+    def _left_out(self, frame: LeftOut) -> dict[str, Any] | None:
+        """Returns JSON values of a frame that the training left out: its number, and the lines before and after.
+
+        None for a frame that is not on the page. A line of an improbable catheter is empty.
+        """
+        names = [marked.image for marked in self._session.frames]
+        if frame.image not in names:
             return None
-        before = _points(each.before_px) if each.before_present >= FOUND_PROBABILITY else []
-        after = _points(each.after_px) if each.after_present >= FOUND_PROBABILITY else []
-        return {"index": names.index(each.image), "before_px": before, "after_px": after}
+        before = _points(frame.before_px) if frame.before_present >= FOUND_PROBABILITY else []
+        after = _points(frame.after_px) if frame.after_present >= FOUND_PROBABILITY else []
+        return {"index": names.index(frame.image), "before_px": before, "after_px": after}
 
     def _train(self) -> dict[str, Any]:
         self._training.start(*self._session.annotations())

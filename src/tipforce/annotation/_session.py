@@ -131,14 +131,21 @@ class AnnotationSession:
         return [frame.annotation() for frame, _ in done], [image for _, image in done]
 
     def _proposal(self, index: int, frames: Sequence[MarkedFrame], done: Sequence[int]) -> Proposal:
-        own = self._detected[index]
-        same = [k for k in done if self._groups[k] == self._groups[index]]
-        if not same:
-            return own
-        distances = np.linalg.norm(self._thumbnails[same] - self._thumbnails[index], axis=1)
-        nearest = same[int(np.argmin(distances))]
-        if len(own.points_px) and self._detector_was_right(nearest, frames[nearest]):
-            return own
+        """Returns the proposal for a frame that is not finished; see `proposals`.
+
+        Args:
+            index: number of the frame.
+            frames: all frames.
+            done: numbers of the finished frames with a catheter.
+        """
+        detected = self._detected[index]
+        same_recording = [k for k in done if self._groups[k] == self._groups[index]]
+        if not same_recording:
+            return detected
+        distances = np.linalg.norm(self._thumbnails[same_recording] - self._thumbnails[index], axis=1)
+        nearest = same_recording[int(np.argmin(distances))]
+        if len(detected.points_px) and self._detector_was_right(nearest, frames[nearest]):
+            return detected
         if (nearest, index) not in self._carried:
             line = carried_line(frames[nearest].points_px, self.images[nearest], self.images[index])
             self._carried[nearest, index] = line

@@ -211,6 +211,7 @@ def _levels(image: Image) -> npt.NDArray[np.uint8]:
 
 
 def _read(file: Path) -> list[MarkedFrame]:
+    """Returns the frames of a file. Raises FileFormatError if it is no file of annotations, or of another version."""
     remedy = "move it away to start again"
     values = read_json(file, remedy=remedy)
     if not isinstance(values, dict) or values.get("format") != FORMAT:

@@ -151,6 +151,8 @@ class TrainingRun:
             self._thread.join(timeout_s)
 
     def _run(self, annotations: Sequence[Annotation], images: Sequence[Image]) -> None:
+        """Trains, on the training's thread, and keeps progress and outcome in `status`; no error leaves it."""
+
         def report(step: str, share: float) -> None:
             if self._cancel.is_set():
                 raise Cancelled

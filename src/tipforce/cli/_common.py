@@ -1,7 +1,6 @@
 """Common parts of all verbs: progress, figures as JSON, and errors as one sentence."""
 
 import json
-import math
 import os
 import sys
 import time
@@ -14,6 +13,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
+from .._system.json_files import finite_values
 from ..errors import InputError
 
 console = Console(stderr=True, highlight=False, markup=False, emoji=False)
@@ -132,13 +132,14 @@ def progress_bar() -> Generator[Callable[[str, float], None]]:
 
 
 def _line_a_minute() -> Callable[[str, float], None]:
-    last = time.monotonic()
+    """Returns a progress that prints a line at most every `_LINE_EVERY_S`, for a log."""
+    last_s = time.monotonic()
 
     def report(step: str, share: float) -> None:
-        nonlocal last
-        now = time.monotonic()
-        if now - last >= _LINE_EVERY_S:
-            last = now
+        nonlocal last_s
+        now_s = time.monotonic()
+        if now_s - last_s >= _LINE_EVERY_S:
+            last_s = now_s
             say(f"{step}: {share:.0%}")
 
     return report
@@ -155,16 +156,8 @@ def write_json(figures: dict[str, Any], target: str | None) -> None:
         return
     from ..io import write_atomic
 
-    text = json.dumps(_finite(figures), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(finite_values(figures), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     if target == "-":
         sys.stdout.write(text)
     else:
         write_atomic(Path(target), text)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -38,17 +38,17 @@ def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None
             raise InputError(
                 f"--set {pair}: expected KEY=VALUE, for example --set {next(iter(model.model_fields))}=..."
             )
-        place, kind = values, model
+        section, section_model = values, model
         *parents, leaf = key.split(".")
-        for parent in parents:
-            kind, default = _within(kind, parent)
-            place = place.setdefault(parent, default)
-            if not isinstance(place, dict):
-                raise InputError(f"--set {pair}: {parent} is a value ({place}) and holds no settings")
+        for parent in parents:  # "vision.locator.view": the section of "vision", then that of "locator"
+            section_model, default = _within(section_model, parent)
+            section = section.setdefault(parent, default)
+            if not isinstance(section, dict):
+                raise InputError(f"--set {pair}: {parent} is a value ({section}) and holds no settings")
         try:
-            place[leaf] = json.loads(text)
+            section[leaf] = json.loads(text)
         except (ValueError, RecursionError):  # no JSON: a text without quotes
-            place[leaf] = text
+            section[leaf] = text
     try:
         return model.model_validate(values)
     except ValidationError as error:
@@ -61,7 +61,10 @@ def settings_from(model: type[M], pairs: list[str] | None, base: M | None = None
 
 
 def _within(model: type[BaseModel] | None, name: str) -> tuple[type[BaseModel] | None, dict[str, Any]]:
-    """Returns the settings below ``name`` of ``model``, and the values that these have there by default."""
+    """Returns the class of the settings in field ``name`` of ``model``, and the values that they have by default.
+
+    None and no values where there is no such field; None where the field is a plain value.
+    """
     field = None if model is None else model.model_fields.get(name)
     if field is None:
         return None, {}

@@ -157,6 +157,7 @@ def _squares(text: str) -> tuple[tuple[int, int], float, float | None, str]:
 
 
 def _ruler(text: str | None) -> tuple[float, float, float, float, float] | None:
+    """Returns two image points u0, v0, u1, v1 in px and their distance in mm; None without the option."""
     if text is None:
         return None
     expected = "U0,V0,U1,V1,MM: two image points in px and their distance in mm"

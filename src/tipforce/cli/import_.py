@@ -151,11 +151,11 @@ def _by_kind(others: list[Path], stated: dict[str, Path], info: SessionInfo) -> 
     from ..io import logs_by_kind
 
     written = {"force": info.sensor.log, "knob": info.actuation.log, "stage": info.stage.log}
-    found = logs_by_kind(others, written) if others else {}
-    clash = sorted(set(found) & set(stated))
+    recognised = logs_by_kind(others, written) if others else {}
+    clash = sorted(set(recognised) & set(stated))
     if clash:
-        raise InputError(f"{found[clash[0]]}: is a log of the {clash[0]}, too; state it once")
-    return {**found, **stated}
+        raise InputError(f"{recognised[clash[0]]}: is a log of the {clash[0]}, too; state it once")
+    return {**recognised, **stated}
 
 
 def _copy(

@@ -75,6 +75,16 @@ def _asked(info: SessionInfo, prompt: Callable[[str], str]) -> SessionInfo:
 
 
 def _nested(key: str, answer: str, unit: float | None) -> dict[str, Any]:
+    """Returns an answer as nested values, as {"catheter": {"diameter_m": 0.0023}}.
+
+    Args:
+        key: key of the value, as "catheter.diameter_m".
+        answer: the typed text; a number may have a decimal comma.
+        unit: factor from the unit of the question to SI; None: the answer is a text.
+
+    Raises:
+        InputError: the answer is no number.
+    """
     value: Any = answer
     if unit is not None:
         try:

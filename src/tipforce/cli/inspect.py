@@ -101,12 +101,13 @@ def command(
 
 
 def _say_limits(file: Path, stated: SessionInfo, settings: list[str] | None, json_file: str | None) -> None:
+    """Prints which unknown limits the force in a file; see `limits_in`."""
     from ..estimators.session import RodTrackSettings
     from ..pipelines import limits_in
 
     check_outputs([file], json_file)
     with progress_bar() as progress:
-        found = limits_in(file, settings=settings_from(RodTrackSettings, settings), bench=stated, progress=progress)
-    for line in found.lines():
+        limits = limits_in(file, settings=settings_from(RodTrackSettings, settings), bench=stated, progress=progress)
+    for line in limits.lines():
         say(line)
-    write_json(found.figures(), json_file)
+    write_json(limits.figures(), json_file)

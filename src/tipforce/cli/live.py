@@ -79,11 +79,11 @@ def command(
     def update(latest: "LiveUpdate") -> None:
         line.show(live_line(latest))
 
-    def report(found: "LiveReport") -> None:
+    def report(run: "LiveReport") -> None:
         line.end()
-        say(found.text())
-        write_json(found.figures(), json_file)
-        failed = found.sinks[recording].failures if recording in found.sinks else 0
+        say(run.text())
+        write_json(run.figures(), json_file)
+        failed = run.sinks[recording].failures if recording in run.sinks else 0
         if record is not None and not failed and record.exists():
             say(f"wrote {record}")
 
@@ -108,7 +108,7 @@ def command(
         source = stack.enter_context(
             open_live_source(frames, preset=simulated, bench=bench, stated=facts, settings=chosen)
         )
-        found = live(
+        run_report = live(
             estimator,
             source,
             model=str(model),
@@ -119,7 +119,7 @@ def command(
             on_update=update,
             on_report=report,
         )
-    if any(sink.ended for sink in found.sinks.values()):
+    if any(sink.ended for sink in run_report.sinks.values()):
         raise typer.Exit(2)
 
 

@@ -1,5 +1,6 @@
 """``tipforce record``."""
 
+import math
 import signal
 import threading
 from collections.abc import Callable, Generator
@@ -88,19 +89,19 @@ def _stopped_by_signals(stop: Callable[[], None]) -> Generator[None]:
         return
     before = {number: signal.getsignal(number) for number in ending_signals()}
 
-    def first(number: int, frame: Any) -> None:
+    def stop_once(number: int, frame: Any) -> None:
         del number, frame
-        for each, handler in before.items():  # a terminal that is closed sends SIGHUP twice
-            signal.signal(each, signal.SIG_IGN if each.name == "SIGHUP" else handler)
+        for ending, handler in before.items():  # a terminal that is closed sends SIGHUP twice
+            signal.signal(ending, signal.SIG_IGN if ending.name == "SIGHUP" else handler)
         stop()
 
-    for number in before:
-        signal.signal(number, first)
+    for ending in before:
+        signal.signal(ending, stop_once)
     try:
         yield
     finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
+        for ending, handler in before.items():
+            signal.signal(ending, handler)
 
 
 @contextmanager
@@ -123,6 +124,7 @@ def _shown_live(recording: "BenchRecording") -> Generator[None]:
 
 
 def _lines(recording: "BenchRecording", over: threading.Event) -> None:
+    """Prints rates, faults and the guide's request every few seconds until ``over`` is set; for a log."""
     while not over.wait(_LINE_EVERY_S):
         rates = [
             f"{stream.stream.name} {stream.live_rate_hz:.1f} Hz"
@@ -136,6 +138,7 @@ def _lines(recording: "BenchRecording", over: threading.Event) -> None:
 
 
 def _table(recording: "BenchRecording") -> "Table":
+    """Returns a table with a row for each stream of each device, and messages and the guide's request below it."""
     from rich.table import Table
 
     title = f"recording, {recording.seconds_so_far():.0f} s; Ctrl-C ends it"
@@ -145,19 +148,18 @@ def _table(recording: "BenchRecording") -> "Table":
     for device in recording.health():
         counts = ", ".join(f"{count} {kind}" for kind, count in sorted(device.counts.items()) if count)
         for stream in device.streams:
-            asked = stream.stream.rate_hz
-            clock = stream.clock
+            stated_hz, clock = stream.stream.rate_hz, stream.clock
+            on_arrival = math.isnan(clock.offset_s)  # the device stamps nothing itself
+            offset = f"{clock.offset_s:+.4f} s, delay {1e3 * clock.delay_s:.2f} ms"
             table.add_row(
                 device.name,
                 device.state,
                 stream.stream.name,
-                f"{stream.live_rate_hz:.1f}" + (f" of {asked:g} Hz" if asked else " Hz"),
+                f"{stream.live_rate_hz:.1f}" + (f" of {stated_hz:g} Hz" if stated_hz else " Hz"),
                 str(stream.count),
                 str(stream.dropped),
-                "" if stream.age_s != stream.age_s else f"{1e3 * stream.age_s:.0f} ms",
-                "on arrival"
-                if clock.offset_s != clock.offset_s
-                else f"{clock.offset_s:+.4f} s, delay {1e3 * clock.delay_s:.2f} ms",
+                "" if math.isnan(stream.age_s) else f"{1e3 * stream.age_s:.0f} ms",
+                "on arrival" if on_arrival else offset,
                 counts,
             )
     lines = [device.message for device in recording.health() if device.message]

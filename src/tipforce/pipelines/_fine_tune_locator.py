@@ -15,6 +15,7 @@ import numpy as np
 
 from .._system.atomic import replacing_folder
 from .._system.extras import import_extra
+from .._system.json_files import finite_values
 from ..errors import FileFormatError, InputError
 from ..types import FloatArray, Image
 from ..vision import Annotation, fitted_log_odds, line_log_odds
@@ -202,7 +203,7 @@ def fine_tune_locator(
             "versions": {name: version(name) for name in ("tipforce", "torch", "onnx", "numpy")}
             | {"python": platform.python_version()},
         }
-        (part / DETECTOR_FACTS).write_text(json.dumps(_without_nan(facts), indent=2) + "\n", encoding="utf-8")
+        (part / DETECTOR_FACTS).write_text(json.dumps(finite_values(facts), indent=2) + "\n", encoding="utf-8")
         (part / DETECTOR_CARD).write_text(_card(facts), encoding="utf-8")
     frames = tuple(
         LeftOutFrame(annotation.image, _points_px(line), _points_px(tuned), _present(line), _present(tuned))
@@ -371,12 +372,6 @@ def _distances_px(points_px: FloatArray, line_px: FloatArray) -> FloatArray:
     # position of each point's foot on each piece, 0 to 1; a foot beyond an end is moved to it
     share = (from_start * piece).sum(-1) / np.maximum((piece**2).sum(-1), 1e-12)
     return np.linalg.norm(from_start - np.clip(share, 0.0, 1.0)[..., None] * piece, axis=-1).min(axis=1)
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _without_nan(each) for name, each in value.items()}
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _card(facts: dict[str, Any]) -> str:

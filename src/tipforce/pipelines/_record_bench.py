@@ -1,8 +1,7 @@
 """A bench of devices, or a simulated one in real time, into one recording, with all that is known of its health."""
 
 import json
-import math
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .._system.contexts import ClosedAtExit
+from .._system.json_files import finite_values
 from ..alignment import OffsetChoice, TareChoice
 from ..errors import DeviceError, InputError
 from ..hardware import (
@@ -317,16 +317,7 @@ def _shown(value: object) -> str:
 
 
 def _json(value: object) -> str:
-    return json.dumps(_finite(value), ensure_ascii=False)
-
-
-def _finite(value: Any) -> Any:
-    """Returns a JSON value in which each number that JSON does not have (NaN, infinite) is None, also inside."""
-    if isinstance(value, Mapping):
-        return {str(key): _finite(each) for key, each in value.items()}  # pyright: ignore[reportUnknownArgumentType]
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]  # pyright: ignore[reportUnknownVariableType]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return json.dumps(finite_values(value), ensure_ascii=False)
 
 
 def _clock_statement(clock: Clock, devices: tuple[DeviceHealth, ...]) -> dict[str, str]:

@@ -49,7 +49,7 @@ def read_coco(path: Path, values: Any) -> Marks:
             marks.sizes_px[name] = (width, height)
         if image.get(NO_CATHETER) is True:
             marks.frames.append(MarkedFrame(name, np.empty((0, 2)), present=False, done=True))
-    seen: set[str] = set()
+    annotated: set[str] = set()
     for k, annotation in enumerate(_objects(path, values, "annotations")):
         name = names.get(annotation.get("image_id"))
         if name is None:
@@ -57,9 +57,9 @@ def read_coco(path: Path, values: Any) -> Marks:
         points, visible = _keypoints(path, annotation.get("keypoints"), f"annotations[{k}] ({name})")
         if not any(points):
             continue
-        if name in seen:
+        if name in annotated:
             _fail(path, f"annotations[{k}]: {name} is annotated twice; keep the annotation of the catheter only")
-        seen.add(name)
+        annotated.add(name)
         line, reason = marked_points(points)
         if line is None or len(line) < 2:
             marks.left_out[name] = reason or "only one point is marked"
@@ -105,8 +105,8 @@ def coco_values(frames: Sequence[MarkedFrame], sizes_px: Mapping[str, tuple[int,
                 "num_keypoints": KEYPOINTS,
                 "keypoints": [
                     value
-                    for (u, v), seen in zip(line.tolist(), visible.tolist(), strict=True)
-                    for value in (u, v, seen)
+                    for (u, v), visibility in zip(line.tolist(), visible.tolist(), strict=True)
+                    for value in (u, v, visibility)
                 ],
             }
         )
@@ -121,7 +121,16 @@ def _objects(path: Path, values: Mapping[str, Any], key: str) -> list[dict[str, 
 
 
 def _keypoints(path: Path, values: Any, place: str) -> tuple[list[tuple[float, float] | None], list[int]]:
-    """Returns the keypoints of an annotation, and their visibility."""
+    """Returns the keypoints of an annotation, and their visibility.
+
+    Args:
+        path: the file, for messages.
+        values: the JSON of the keypoints: u, v and visibility of each, in one list.
+        place: position of the annotation in the file, for messages.
+
+    Returns:
+        The points (u, v) in px, None where a point is not labelled; and all visibilities (0, 1 or 2).
+    """
     if not isinstance(values, list) or len(values) < 6 or len(values) % 3:
         _fail(path, f"{place}: expected at least two keypoints [u, v, visibility, ...]")
     if not all(isinstance(each, int | float) and abs(each) <= MAX_PIXEL for each in values):  # not a number: false
@@ -130,7 +139,7 @@ def _keypoints(path: Path, values: Any, place: str) -> tuple[list[tuple[float, f
     if not set(visible) <= {NOT_LABELLED, NOT_VISIBLE, VISIBLE}:
         _fail(path, f"{place}: a visibility is not 0, 1 or 2")
     points = zip(values[::3], values[1::3], visible, strict=True)
-    return [(float(u), float(v)) if seen else None for u, v, seen in points], visible
+    return [(float(u), float(v)) if visibility else None for u, v, visibility in points], visible
 
 
 def _fail(path: Path, found: str) -> NoReturn:

@@ -42,13 +42,13 @@ def read_guide3d(path: Path, values: list[Any]) -> Marks:
         for k, frame in enumerate(frames):
             for camera in CAMERAS:
                 place = f"task {number}, frame {k}, {camera}"
-                own = frame.get(camera) if isinstance(frame, dict) else None
-                if not isinstance(own, dict) or not isinstance(name := own.get("image"), str):
+                marked = frame.get(camera) if isinstance(frame, dict) else None
+                if not isinstance(marked, dict) or not isinstance(name := marked.get("image"), str):
                     _fail(path, f"{place}: there is no image")
                 if name in marks.sizes_px:
                     _fail(path, f"{place}: {name} is annotated twice")
                 marks.sizes_px[name] = (SIDE_PX, SIDE_PX)
-                points = _line(path, place, own)
+                points = _line(path, place, marked)
                 if _to_border(points[-1]) < _to_border(points[0]):
                     points = points[::-1]
                 marks.frames.append(MarkedFrame(name, np.ascontiguousarray(points), done=True))
@@ -56,7 +56,13 @@ def read_guide3d(path: Path, values: list[Any]) -> Marks:
 
 
 def _line(path: Path, place: str, camera: Mapping[str, Any]) -> FloatArray:
-    """Returns the points (k, 2) of the line of one camera."""
+    """Returns the points (k, 2) in px of the line of one camera: as they are stated, or on the stated B-spline.
+
+    Args:
+        path: the file, for messages.
+        place: task, frame and camera, for messages.
+        camera: JSON with ``points``, or with ``tck``: knots t, coefficients c (n, 2) or (2, n), degree k.
+    """
     if "points" in camera:
         return _array(path, f"{place}: points", camera["points"], columns=2)
     spline = camera.get("tck")
@@ -68,12 +74,19 @@ def _line(path: Path, place: str, camera: Mapping[str, Any]) -> FloatArray:
     weights = weights.T if weights.shape == (2, count) else weights
     if weights.shape != (count, 2) or count <= degree or (np.diff(knots) < 0).any() or knots[degree] >= knots[count]:
         _fail(path, f"{place}: {len(knots)} knots, coefficients {weights.shape} and degree {degree} are no curve")
-    at = np.linspace(knots[degree], knots[count], SPLINE_POINTS)
-    return np.asarray(BSpline(knots, weights, degree)(at), np.float64)
+    parameters = np.linspace(knots[degree], knots[count], SPLINE_POINTS)  # the range in which the spline is defined
+    return np.asarray(BSpline(knots, weights, degree)(parameters), np.float64)
 
 
 def _array(path: Path, place: str, values: Any, columns: int | None = 0) -> FloatArray:
-    """Returns numbers as an array: (n,), or (n, ``columns``); None: any number of columns."""
+    """Returns JSON numbers as an array. Raises FileFormatError if they are no numbers, or of another shape.
+
+    Args:
+        path: the file, for messages.
+        place: position in the file, for messages.
+        values: the JSON: a list, or a list of lists.
+        columns: 0: the array is (n,); None: (n, any); else (n, ``columns``).
+    """
     try:
         array = np.asarray(values, np.float64)
     except (TypeError, ValueError):

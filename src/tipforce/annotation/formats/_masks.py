@@ -58,6 +58,9 @@ def read_masks(folder: Path) -> Marks:
 def mask_line(mask: BoolArray) -> tuple[FloatArray | None, str]:
     """Returns the line along the middle of a mask.
 
+    Its ends are the two pixels that are farthest from each other inside the mask. The line between them is the cheapest
+    way where pixels near the middle, far from the border of the mask, cost least.
+
     Args:
         mask: (h, w) pixels of the instrument.
 
@@ -71,39 +74,49 @@ def mask_line(mask: BoolArray) -> tuple[FloatArray | None, str]:
     if areas.max() < MIN_SHARE * areas.sum():
         return None, "the mask is in several parts"
     part = np.asarray(labels == 1 + int(areas.argmax()), np.bool_)
-    depth = np.asarray(ndimage.distance_transform_edt(np.pad(part, 1)), np.float64)[1:-1, 1:-1]
+    depth = np.asarray(ndimage.distance_transform_edt(np.pad(part, 1)), np.float64)[1:-1, 1:-1]  # px from the border
     rows, columns = np.nonzero(part)
-    plain, centred = (_graph(part, cost) for cost in (np.ones_like(depth), np.maximum(depth, 0.5) ** -3))
-    start = int(np.argmax(dijkstra(plain, indices=0)))
-    end = int(np.argmax(dijkstra(plain, indices=start)))
-    _, before = dijkstra(centred, indices=start, return_predecessors=True)
-    way = [end]
-    while way[-1] != start:
-        way.append(int(before[way[-1]]))
-    points = np.column_stack([columns[way], rows[way]]).astype(np.float64)
-    wide = max(3, 2 * round(float(depth[rows[way], columns[way]].max())) + 1)
-    smooth = ndimage.uniform_filter1d(points, wide, axis=0, mode="nearest")
+    by_length, by_depth = (_graph(part, cost) for cost in (np.ones_like(depth), np.maximum(depth, 0.5) ** -3))
+    # the pixel farthest from any pixel is one end; the pixel farthest from that is the other
+    start = int(np.argmax(dijkstra(by_length, indices=0)))
+    end = int(np.argmax(dijkstra(by_length, indices=start)))
+    _, predecessors = dijkstra(by_depth, indices=start, return_predecessors=True)
+    path = [end]
+    while path[-1] != start:
+        path.append(int(predecessors[path[-1]]))
+    points = np.column_stack([columns[path], rows[path]]).astype(np.float64)
+    # a mean over the width of the instrument removes the steps of the pixels
+    width = max(3, 2 * round(float(depth[rows[path], columns[path]].max())) + 1)
+    smooth = ndimage.uniform_filter1d(points, width, axis=0, mode="nearest")
     if arc_length(smooth)[-1] < MIN_LENGTH_PX:
         return None, f"the instrument is shorter than {MIN_LENGTH_PX:g} px"
     line = resampled(smooth, LINE_POINTS)
-    size = np.array(mask.shape[::-1]) - 1.0
-    first, last = (float(np.minimum(point, size - point).min()) for point in (line[0], line[-1]))
-    return (line[::-1].copy() if last < first else line), ""
+    corner = np.array(mask.shape[::-1]) - 1.0
+    first_px, last_px = (float(np.minimum(point, corner - point).min()) for point in (line[0], line[-1]))
+    return (line[::-1].copy() if last_px < first_px else line), ""  # the base is nearer to the border
 
 
 def _graph(part: BoolArray, cost: FloatArray) -> csr_array:
-    """Returns the graph of a mask's pixels, in the order of `numpy.nonzero`; a step costs its length times ``cost``."""
+    """Returns the graph of a mask's pixels, of which each is joined with its eight neighbours.
+
+    Args:
+        part: (h, w) mask with n pixels.
+        cost: (h, w) cost of each pixel; a step costs its length times the mean cost of its two pixels.
+
+    Returns:
+        (n, n) costs of the steps; pixels are in the order of `numpy.nonzero`.
+    """
     numbers = np.full(part.shape, -1)
     numbers[part] = np.arange(int(part.sum()))
     height, width = part.shape
     rows: list[FloatArray] = []
-    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        here = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
-        there = (slice(down, height), slice(max(0, right), width + min(0, right)))
-        both = part[here] & part[there]
-        step = float(np.hypot(down, right)) * 0.5 * (cost[here] + cost[there])
-        rows.append(np.stack([numbers[here][both], numbers[there][both], step[both]]))
-    i, j, lengths = np.concatenate(rows, axis=1)
-    pairs = np.concatenate([i, j]).astype(int), np.concatenate([j, i]).astype(int)
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):  # the other four neighbours are these, from the other side
+        pixel = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
+        neighbour = (slice(down, height), slice(max(0, right), width + min(0, right)))
+        both = part[pixel] & part[neighbour]
+        step = float(np.hypot(down, right)) * 0.5 * (cost[pixel] + cost[neighbour])
+        rows.append(np.stack([numbers[pixel][both], numbers[neighbour][both], step[both]]))
+    first, second, costs = np.concatenate(rows, axis=1)
+    pairs = np.concatenate([first, second]).astype(int), np.concatenate([second, first]).astype(int)
     total = int(part.sum())
-    return csr_array((np.concatenate([lengths, lengths]), pairs), shape=(total, total))
+    return csr_array((np.concatenate([costs, costs]), pairs), shape=(total, total))

@@ -50,9 +50,9 @@ def read_our_table(path: Path, rows: Rows) -> Marks:
     header = [name.lower() for name in rows[0][1]]
     image, u, v = (header.index(name) for name in OUR_COLUMNS)
     hidden = header.index(TIP_HIDDEN) if TIP_HIDDEN in header else None
-    points: dict[str, list[tuple[float, float]]] = {}
-    empty: set[str] = set()
-    tips: set[str] = set()
+    points: dict[str, list[tuple[float, float]]] = {}  # image -> points of its line so far
+    without_catheter: set[str] = set()
+    with_hidden_tip: set[str] = set()
     for line, row in rows[1:]:
         place = f"{path}, line {line}"
         cells = [*row, *[""] * (len(header) - len(row))]
@@ -60,22 +60,23 @@ def read_our_table(path: Path, rows: Rows) -> Marks:
         if not name:
             raise TableError(f"{place}: has no name in the column image; name the image in each row")
         point = point_from(cells[u], cells[v], place)
-        own = points.setdefault(name, [])
+        line_points = points.setdefault(name, [])
         if point is None:
-            empty.add(name)
+            without_catheter.add(name)
         else:
-            own.append(point)
-        if name in empty and own:
+            line_points.append(point)
+        if name in without_catheter and line_points:
             raise TableError(f"{place}: {name} has a row without u and v (no catheter) and rows with; remove one kind")
         if hidden is not None and cells[hidden] not in ("", "0", "1"):
             raise TableError(f"{place}, column {TIP_HIDDEN}: expected 0 or 1, got {cells[hidden][:40]!r}")
         if hidden is not None and cells[hidden] == "1":
-            tips.add(name)
+            with_hidden_tip.add(name)
     frames: list[MarkedFrame] = []
-    for name, own in points.items():
-        if len(own) == 1:
+    for name, line_points in points.items():
+        if len(line_points) == 1:
             raise TableError(f"{path}: {name} has one row; a line needs at least two points, base and tip")
-        frames.append(MarkedFrame(name, np.array(own).reshape(-1, 2), name in tips, bool(own), done=True))
+        array = np.array(line_points).reshape(-1, 2)
+        frames.append(MarkedFrame(name, array, name in with_hidden_tip, bool(line_points), done=True))
     return Marks(frames)
 
 
@@ -155,7 +156,16 @@ def read_deeplabcut(path: Path, rows: Rows) -> Marks:
 
 
 def _columns_of_parts(path: Path, headers: dict[str, list[str]], start: int) -> dict[str, dict[str, int]]:
-    """Returns body part -> coordinate -> its column."""
+    """Returns body part -> coordinate ("x", "y", "likelihood") -> its column, from the header rows of DeepLabCut.
+
+    Args:
+        path: the file, for messages.
+        headers: name of each header row -> its cells.
+        start: first column of the body parts; those before name the image.
+
+    Raises:
+        TableError: there are several individuals, fewer than two body parts, or a part has no x or y.
+    """
     individuals = sorted({cell for cell in headers.get("individuals", [])[start:] if cell and cell != "single"})
     if len(individuals) > 1:
         raise TableError(
@@ -172,19 +182,21 @@ def _columns_of_parts(path: Path, headers: dict[str, list[str]], start: int) -> 
     return columns
 
 
-def _point_of_part(cells: list[str], part: str, at: dict[str, int], place: str) -> tuple[float, float] | None:
-    point = point_from(cells[at["x"]], cells[at["y"]], f"{place}, body part {part}")
-    if point is None or "likelihood" not in at or not cells[at["likelihood"]]:
+def _point_of_part(cells: list[str], part: str, column: dict[str, int], place: str) -> tuple[float, float] | None:
+    """Returns the point of a body part in a row; None if it is not marked, or less likely than `MIN_LIKELIHOOD`."""
+    point = point_from(cells[column["x"]], cells[column["y"]], f"{place}, body part {part}")
+    if point is None or "likelihood" not in column or not cells[column["likelihood"]]:
         return point
     try:
-        likelihood = float(cells[at["likelihood"]])
+        likelihood = float(cells[column["likelihood"]])
     except ValueError:
-        got = cells[at["likelihood"]][:40]
+        got = cells[column["likelihood"]][:40]
         raise TableError(f"{place}, body part {part}: expected a likelihood from 0 to 1, got {got!r}") from None
     return point if likelihood >= MIN_LIKELIHOOD else None
 
 
 def _frame_number(cell: str, place: str) -> str:
+    """Returns the number of a frame in a cell, without decimals: SLEAP may write 12 as 12.0. Raises TableError."""
     try:
         number = float(cell)
     except ValueError:
