@@ -58,11 +58,11 @@ def copy_recording(
             return [recover_recording(recording, target, overwrite=overwrite, facts=[clock] if clock else [])]
         if reader.info.metadata.get("tipforce.session", {}).get("origin") == "import":
             raise InputError(f"{recording}: was imported; import its files again with the tare")
-        found = _Findings()
+        findings = _Findings()
         remarks = write_run(
-            found, reader, reader.session_info, None, tare, ClockChoice(offset_ms, rate), VisionSettings(), None
+            findings, reader, reader.session_info, None, tare, ClockChoice(offset_ms, rate), VisionSettings(), None
         )
-    return [recover_recording(recording, target, overwrite=overwrite, facts=found.facts), *remarks]
+    return [recover_recording(recording, target, overwrite=overwrite, facts=findings.facts), *remarks]
 
 
 class _Findings:

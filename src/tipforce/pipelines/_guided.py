@@ -92,7 +92,7 @@ class Guide:
         return sum(phase.seconds for phase in self.phases)
 
     def take(self, event: Event) -> None:
-        """Takes the next event: measures what the present phase needs, and ends the phase when its time is over."""
+        """Takes the next event: updates the figures of the present phase, and ends the phase when its time is over."""
         if self.done:
             return
         self._now_ns = max(self._now_ns, event.stamp_ns)

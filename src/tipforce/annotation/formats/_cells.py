@@ -72,9 +72,9 @@ def marked_points(points: list[tuple[float, float] | None]) -> tuple[FloatArray 
     Returns:
         (k, 2) points, and ""; or None and the reason why there is no line ("" if no point is marked).
     """
-    found = [point for point in points if point is not None]
-    if not found:
+    marked = [point for point in points if point is not None]
+    if not marked:
         return None, ""
     if points[0] is None or points[-1] is None:
         return None, "the base is not marked" if points[0] is None else "the tip is not marked"
-    return np.array(found), ""
+    return np.array(marked), ""

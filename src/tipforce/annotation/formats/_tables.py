@@ -177,8 +177,8 @@ def _columns_of_parts(path: Path, headers: dict[str, list[str]], start: int) -> 
             columns.setdefault(part, {})[coord.lower()] = k
     lacking = [part for part, at in columns.items() if not {"x", "y"} <= at.keys()]
     if lacking or len(columns) < 2:
-        found = f"{lacking[0]} lacks x or y" if lacking else f"has {len(columns)} body parts"
-        raise TableError(f"{path}: {found}; a line needs at least two body parts, each with x and y")
+        fault = f"{lacking[0]} lacks x or y" if lacking else f"has {len(columns)} body parts"
+        raise TableError(f"{path}: {fault}; a line needs at least two body parts, each with x and y")
     return columns
 
 
