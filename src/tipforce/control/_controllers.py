@@ -189,7 +189,7 @@ class PeriodicRejection:
         running regression of that distance on the speed, with time constant `_DELAY_TIME_S`.
         """
         del gain_n_per_mm  # the observer's own gain is used
-        dt_s = 0.0 if self._time_s is None else sample.time_s - self._time_s
+        dt_s = 0.0 if self._time_s is None else max(0.0, sample.time_s - self._time_s)
         self._time_s = sample.time_s
         speed = self._speed_mm_per_s(sample.time_s)
         behind_mm = self._wanted_mm(sample.time_s, target_n) - sample.position_mm

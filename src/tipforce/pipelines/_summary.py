@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._system.json_files import finite_values
 from ..alignment import Labels, labels, nearest_frames
 from ..errors import InputError
 from ..io import SUBTRACTED_FORCE, ClockMap, Inertia, RecordingInfo, RecordingReader, Tare, check_image_target
@@ -52,8 +53,8 @@ class RecordingSummary:
             "duration_s": self.duration_s,
             "image_size": self.image_size,
             "streams": {name: asdict(stream) for name, stream in info.streams.items()},
-            "clock_map": _plain(asdict(info.clock_map) | {"offset_ms": info.clock_map.offset_ms}),
-            "tare": _plain(
+            "clock_map": finite_values(asdict(info.clock_map) | {"offset_ms": info.clock_map.offset_ms}),
+            "tare": finite_values(
                 {
                     "how": info.tare.how,
                     "force_n": info.tare.force_n.tolist(),
@@ -78,15 +79,6 @@ class RecordingSummary:
             "recovered": info.recovered,
             "zeros": _zeros(info),
         }
-
-
-def _plain(value: Any) -> Any:
-    """Returns a JSON value in which each NaN is None and each tuple a list, also inside."""
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}  # pyright: ignore[reportUnknownVariableType]
-    if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]  # pyright: ignore[reportUnknownVariableType]
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def summarise_recording(path: Path | str) -> RecordingSummary:

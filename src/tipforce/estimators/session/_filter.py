@@ -143,7 +143,7 @@ class SessionFilter(LinePosterior):
             ValueError: no force fits it.
         """
         fits = self._fits
-        if fits is None or not fits.found:
+        if fits is None or not fits.found or not self._scratch.shares[: fits.found].any():
             raise ValueError("no force fits the newest line")
         return self._constants(fits, self._scratch.shares, 1.0)
 
