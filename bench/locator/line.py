@@ -145,7 +145,7 @@ def figures(found: tuple[Tensor, ...], wanted: dict[str, Tensor]) -> dict[str, f
         **ends,
         "seen_right": float(((seen > 0) == visible)[judged].float().mean()),
         "log_width": float((log_width - wanted["log_width"]).abs()[wanted["right"] > 0.5].median()),
-        "right_right": float(((right > 0) == (wanted["right"] > 0.5)).float().mean()),
+        "right_right": float(((right.mean(1) > 0) == (wanted["right"] > 0.5)).float().mean()),
     }
 
 

@@ -44,6 +44,13 @@ class _Body:
 
 LENGTH_SHARES = 0.24, 0.72
 """Least and largest length of the catheter, shares of the image's side."""
+GROUND_SHEATH_SHARE = 0.25
+"""Share of the sheaths in a colour of the ground, like cloth over a tube."""
+FLANGE_SHARE, PIN_SHARE, SHORT_PIN_SHARE = 0.2, 0.35, 0.7
+"""Share of the catheters with a tip that is wider or narrower, and with a pin or a wire that comes out of the tip; and
+share of the pins that are at most as long as the catheter is thick."""
+CREASE_SHARE = 0.3
+"""Share of the sheaths with a dark line at the mouth."""
 
 
 def draw(
@@ -65,7 +72,7 @@ def draw(
     length = math.exp(rng.uniform(*np.log(length_shares))) * size
     diameter = length / math.exp(rng.uniform(math.log(5.5), math.log(42.0)))
     diameter = max(diameter, 2.2)
-    level = light.reshape(-1, 3)[rng.integers(size * size)].copy() if rng.random() < 0.15 else None
+    level = light.reshape(-1, 3)[rng.integers(size * size)].copy() if rng.random() < GROUND_SHEATH_SHARE else None
     body, side = _body(rng, size, length, diameter, sheath_tint=level)
     present = rng.random() > 0.07
     decoys = []
@@ -140,7 +147,7 @@ def _catheter_surface(rng: np.random.Generator, aspect: float) -> Surface:
         look[on], gloss[on] = metal, 0.7
         at -= wide + rng.uniform(0.6, 2.5) * diameter
     if rng.random() < 0.65:  # tip electrode, soft tip, light end
-        on = s > 1.0 - rng.uniform(0.5, 4.5) * diameter
+        on = s > 1.0 - math.exp(rng.uniform(math.log(0.3), math.log(4.5))) * diameter
         end = metal if rng.random() < 0.6 else colour(rng)
         look[on], gloss[on] = end, rng.uniform(0.0, 0.9)
     if rng.random() < 0.12:  # depth marks
@@ -181,6 +188,9 @@ def _body(
     back = math.atan2(root_way[1], root_way[0])
     taper = rng.uniform(0.75, 1.05) if rng.random() < 0.25 else 1.0
     radius = 0.5 * diameter * np.linspace(1.0, taper, LABEL_POINTS)
+    if rng.random() < FLANGE_SHARE:
+        long = rng.uniform(0.2, 1.5) * diameter / length
+        radius[np.linspace(1.0, 0.0, LABEL_POINTS) < long] *= rng.uniform(0.75, 1.4)
     surface = like.surface if like is not None and rng.random() < 0.5 else _catheter_surface(rng, length / diameter)
     at_border = bool((line[0] < 1.0).any() or (line[0] > size - 2.0).any())
     root = lead(rng, line[0], back, 0.4 * size if at_border else max(3.0, 1.5 * diameter), 0.1)
@@ -243,6 +253,10 @@ def _sheath(
     axis = lead(rng, mouth, back, reach, rng.choice([0.02, 0.15, 0.4]))
     tubes = [(axis, 0.5 * wide, plain_surface(rng, tint))]
     way = np.array([math.cos(back), math.sin(back)])
+    if rng.random() < CREASE_SHARE:
+        long, thick = diameter * rng.uniform(0.1, 0.4), diameter * rng.uniform(1.0, 1.8)
+        dark = plain_surface(rng, tint * np.float32(rng.uniform(0.1, 0.6)))
+        tubes.append((np.linspace(mouth, mouth + long * way, 4), 0.5 * thick, dark))
     if rng.random() < 0.5:  # bands, couplings, a stopper at or before the mouth
         at = 0.0
         for _ in range(int(rng.integers(1, 4))):
@@ -282,9 +296,25 @@ def _draw_body(
         joined = np.vstack([body.hidden_root[:0:-1], body.line])
         radius = np.concatenate([np.full(len(body.hidden_root) - 1, body.radius[0]), body.radius])
         surface = _extended(body.surface, len(body.hidden_root) - 1, len(joined))
+        if rng.random() < PIN_SHARE:
+            _pin(rng, drawer, canvas, lights, body.line, 2.0 * float(body.radius.mean()))
         drawer.tube(canvas, joined, radius, surface, lights, kind, is_catheter=own)
     for axis, radius, surface in body.sheath:
         drawer.tube(canvas, axis, radius, surface, lights, SHEATH if kind == CATHETER else INSTRUMENT)
+
+
+def _pin(
+    rng: np.random.Generator, drawer: Drawer, canvas: SceneCanvas, lights: Lights, line: Float, diameter: float
+) -> None:
+    """Draws a pin, a wire or a probe beyond the tip; it is no part of the catheter."""
+    way = line[-1] - line[-4]
+    turn = math.atan2(way[1], way[0]) + rng.normal(0.0, 0.15)
+    long = rng.uniform(0.2, 1.2) if rng.random() < SHORT_PIN_SHARE else math.exp(rng.uniform(0.2, 2.5))
+    axis = lead(rng, line[-1], turn, long * diameter, rng.choice([0.0, 0.3]))
+    wide = max(diameter * rng.uniform(0.08, 0.45), 0.8)
+    metal = np.full(3, rng.uniform(0.2, 0.95), np.float32)
+    surface = plain_surface(rng, metal if rng.random() < 0.5 else None)
+    drawer.tube(canvas, axis, 0.5 * wide, surface, lights, GROUND)
 
 
 def _extended(surface: Surface, before: int, count: int) -> Surface:

@@ -2,8 +2,8 @@
 
     python -m bench.studies.real_catheters PHOTOGRAPHS [--empty FOLDER]
 
-PHOTOGRAPHS holds images and ``points.csv`` (image, mouth_u, mouth_v, tip_u, tip_v in px); the base is at the top.
-Right: mouth and tip within 8 px. FOLDER holds images in which no catheter is.
+PHOTOGRAPHS holds images and ``points.csv`` (image, mouth_u, mouth_v, tip_u, tip_v in px); the base is at the top, and
+the shaft is taken for 3 mm wide. Right: mouth and tip within 8 px. FOLDER holds images in which no catheter is.
 """
 
 import argparse
@@ -21,8 +21,13 @@ LIMIT_PX = 8.0
 DIAMETER_M = 3e-3
 MARK_PX = 9
 """Half of the side of the marked box."""
-ASPECT = 8.0
-"""Length of the catheters in diameters, about."""
+METRES_PER_PX = {
+    "LC_v4_cam0": 0.33e-3,
+    "LC_v4_cam1": 0.43e-3,
+    "test_highres_cam0": 0.43e-3,
+    "test_highres_cam1": 0.56e-3,
+}
+"""Scale of the images by the beginning of their names, for a shaft of `DIAMETER_M`."""
 MAX_EMPTY_IMAGES = 20
 
 
@@ -34,12 +39,12 @@ def read(path: Path) -> Image:
     return np.ascontiguousarray(found[..., ::-1])
 
 
-def infos(mouth: np.ndarray, length_px: float) -> dict[str, SessionInfo]:
+def infos(name: str, mouth: np.ndarray, length_px: float) -> dict[str, SessionInfo]:
     """Returns the metadata that are tried: none, the side, the size, a box at the mouth, and together."""
     u, v = mouth.astype(int).tolist()
     box = (u - MARK_PX, v - MARK_PX, u + MARK_PX, v + MARK_PX)
-    scale = DIAMETER_M * ASPECT / length_px
-    sized = Catheter("photograph", DIAMETER_M, DIAMETER_M * ASPECT, 0.0)
+    scale = next(scale for begin, scale in METRES_PER_PX.items() if name.startswith(begin))
+    sized = Catheter("photograph", DIAMETER_M, length_px * scale, 0.0)
     return {
         "nothing": SessionInfo("photograph"),
         "side": SessionInfo("photograph", views={"camera": ViewInfo(base_side="top")}),
@@ -61,7 +66,7 @@ def main() -> None:
     for row in rows:
         image = read(options.photographs / row["image"])
         mouth, tip = (np.array([float(row[f"{end}_u"]), float(row[f"{end}_v"])]) for end in ("mouth", "tip"))
-        for name, info in infos(mouth, float(np.linalg.norm(tip - mouth))).items():
+        for name, info in infos(row["image"], mouth, float(np.linalg.norm(tip - mouth))).items():
             line = SessionDetector(VisionSettings(), info, [image]).detect(image).centreline
             kind = "abstained"
             if line is not None:

@@ -16,6 +16,7 @@ from tipforce.geometry import arc_length, resampled  # noqa: E402
 from tipforce.training.locator import (  # noqa: E402
     CATHETER,
     CELLS,
+    HIDDEN,
     LABEL_POINTS,
     OUTSIDE,
     PROMPT_FIELDS,
@@ -175,12 +176,13 @@ def test_a_strip_of_a_scene_has_the_true_axis_and_ends(scenes):
         for name in ("offset", "asked", "seen", "judged", "ends", "right", "log_width")
     }
     zero = torch.zeros(12, ALONG)
+    right = zero + (8.0 * wanted["right"] - 4.0)[:, None]
     true = (
-        wanted["offset"], zero - 3.0, zero, zero, 8.0 * wanted["seen"] - 4.0, 8.0 * wanted["right"] - 4.0,
+        wanted["offset"], zero - 3.0, zero, zero, 8.0 * wanted["seen"] - 4.0, right,
         wanted["log_width"],
     )  # fmt: skip
     wrong = (
-        wanted["offset"] + 0.5, zero - 3.0, zero, zero, 4.0 - 8.0 * wanted["seen"], 4.0 - 8.0 * wanted["right"],
+        wanted["offset"] + 0.5, zero - 3.0, zero, zero, 4.0 - 8.0 * wanted["seen"], -right,
         wanted["log_width"] + 0.5,
     )  # fmt: skip
     for k in (0, 4, 5, 6):
@@ -219,14 +221,14 @@ def test_a_strip_without_its_catheter_is_wrong(scenes):
 
 
 def test_lines_that_the_locator_found_are_judged_by_the_true_line(scenes, monkeypatch):
-    """Right where they are on the catheter from end to end, also of a catheter that enters at the border."""
+    """Right where they follow what is visible of the catheter, and end where its visible ends are."""
     one = next(scene for scene in scenes if scene.present and (scene.state == SEEN).all())
     monkeypatch.setattr(strips, "FOUND_SHARE", 1.0)
     rng = np.random.default_rng(6)
 
-    def judged(line, true=one.line):
+    def judged(line, true=one.line, state=one.state):
         found = (FoundLine(line, one.diameter_px),)
-        drawn = strip_target(StripSource(one.image, true, one.state, one.diameter_px, found=found), rng)
+        drawn = strip_target(StripSource(one.image, true, state, one.diameter_px, found=found), rng)
         return float(drawn.right), drawn.ends
 
     right, ends = judged(one.line)
@@ -234,11 +236,31 @@ def test_lines_that_the_locator_found_are_judged_by_the_true_line(scenes, monkey
     assert min(ends) > 0.0
     assert judged(one.line[::-1])[0] == 0.0
     assert judged(one.line[: len(one.line) // 2])[0] == 0.0
+
     entering = np.column_stack([np.linspace(-30.0, 150.0, len(one.line)), np.full(len(one.line), 100.0)])
-    right, ends = judged(entering[entering[:, 0] >= 0.0], entering)
+    inside = entering[:, 0] >= 0.0
+    right, ends = judged(entering[inside], entering, np.where(inside, SEEN, OUTSIDE).astype(np.uint8))
     assert right == 1.0
     assert ends[0] == -1.0
     assert ends[1] > 0.0
+
+
+def test_a_found_line_is_not_judged_by_its_hidden_end(scenes, monkeypatch):
+    one = next(scene for scene in scenes if scene.present and (scene.state == SEEN).all())
+    monkeypatch.setattr(strips, "FOUND_SHARE", 1.0)
+    true = np.column_stack([np.linspace(40.0, 160.0, len(one.line)), np.full(len(one.line), 100.0)])
+    leaves = true + np.outer(np.clip(true[:, 0] - 120.0, 0.0, None), (0.0, 1.0))  # by 45 degrees from u = 120 on
+
+    def judged(first_hidden_px, line):
+        state = np.where(true[:, 0] < first_hidden_px, SEEN, HIDDEN).astype(np.uint8)
+        found = (FoundLine(line, 8.0),)
+        drawn = strip_target(StripSource(one.image, true, state, 8.0, found=found), np.random.default_rng(8))
+        return float(drawn.right), float(drawn.ends[1])
+
+    assert judged(1000.0, leaves)[0] == 0.0
+    assert judged(120.0, leaves) == (1.0, -1.0)
+    assert judged(70.0, leaves)[0] == 0.0  # too little of it is visible
+    assert judged(120.0, true[:, ::-1])[0] == 0.0
 
 
 def test_the_locator_finds_lines_in_a_scene_with_random_prompts(scenes):

@@ -26,10 +26,10 @@ SMALL = {"bench-2021": (320, 240), "generalise": (320, 240), "fluoro": (256, 256
 """Presets that examples name, and the size of image that makes them quick."""
 
 
-def small(preset: str):
+def small(preset: str, seconds: float = 9.0, tare_s: float = 2.0, size: tuple[int, int] | None = None):
     """A preset with few, small images and short sessions: the same code in a tenth of the time."""
-    width, height = SMALL[preset]
-    world = {"seconds": 9.0, "tare_s": 2.0, "clock": {"fps": 12.0}, "motion": {"peak_within_n": 5e-3}}
+    width, height = size or SMALL[preset]
+    world = {"seconds": seconds, "tare_s": tare_s, "clock": {"fps": 12.0}, "motion": {"peak_within_n": 5e-3}}
     made = preset_settings(preset, changes={"width": width, "height": height, "world": world})
     return made.model_copy(update={"preset": preset})
 

@@ -110,7 +110,7 @@ def _change(found: tuple[Tensor, ...], shipped: tuple[Tensor, ...]) -> Tensor:
     for ends, old in ((base, shipped[2]), (tip, shipped[3])):
         log_new, log_old = F.log_softmax(ends, -1), F.log_softmax(old, -1)
         total = total + 0.3 * F.kl_div(log_new, log_old, reduction="batchmean", log_target=True)
-    for weight, logits, old in ((0.7, seen, shipped[4]), (0.5, right, shipped[5])):
+    for weight, logits, old in ((0.7, seen, shipped[4]), (0.5, right.mean(-1), shipped[5].mean(-1))):
         share = torch.sigmoid(old)
         total = total + weight * (F.binary_cross_entropy_with_logits(logits, share))
     return total

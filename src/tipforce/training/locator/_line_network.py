@@ -39,11 +39,11 @@ class _Residual(nn.Module):
 
 
 class LineNetwork(nn.Module):
-    """(b, 3, ACROSS, ALONG) -> seven tensors, (b, ALONG) but the last two.
+    """(b, 3, ACROSS, ALONG) -> seven tensors, (b, ALONG) but the last.
 
     Offset of the axis in diameters, logarithm of its scale of error, logits of base and tip, logit that the station is
-    seen, (b,) the logit that the strip is the catheter's, and (b,) the logarithm of the true diameter over the one that
-    the strip was made with.
+    seen, logit by the image near the station that the strip is the catheter's (their mean is the strip's logit), and
+    (b,) the logarithm of the true diameter over the one that the strip was made with.
     """
 
     def __init__(self, first: int = 24, second: int = 32, width: int = 96) -> None:
@@ -63,7 +63,7 @@ class LineNetwork(nn.Module):
         y = self.head(self.along(self.across(self.front(strip))))[:, :, 0]
         seen = torch.sigmoid(y[:, 5])
         width = (seen * y[:, 6]).sum(-1) / seen.sum(-1).clamp_min(1.0)
-        return y[:, 0], y[:, 1].clamp(-6.0, 3.0), y[:, 2], y[:, 3], y[:, 5], y[:, 4].mean(-1), width
+        return y[:, 0], y[:, 1].clamp(-6.0, 3.0), y[:, 2], y[:, 3], y[:, 5], y[:, 4], width
 
 
 def line_loss(found: tuple[Tensor, ...], wanted: dict[str, Tensor]) -> Tensor:
@@ -80,7 +80,7 @@ def line_loss(found: tuple[Tensor, ...], wanted: dict[str, Tensor]) -> Tensor:
     judged = wanted["judged"].float()
     visible = F.binary_cross_entropy_with_logits(seen, wanted["seen"], reduction="none")
     total = total + 0.7 * (visible * judged).sum() / judged.sum().clamp_min(1.0)
-    total = total + 0.5 * F.binary_cross_entropy_with_logits(right, wanted["right"])
+    total = total + 0.5 * F.binary_cross_entropy_with_logits(right.mean(-1), wanted["right"])
     is_right = wanted["right"]
     total = total + ((log_width - wanted["log_width"]).abs() * is_right).sum() / is_right.sum().clamp_min(1.0)
     grid = torch.arange(ALONG, dtype=torch.float32)

@@ -21,6 +21,12 @@ WRONG_SHARE = 0.25
 """Share of the strips along other lines than the catheter's."""
 GUESSED_SHARE, MAX_GUESS_RATIO, DIAMETER_ERROR = 0.2, 2.5, 0.05
 """Share of the strips whose diameter is only guessed, wrong by this factor at most, and the error of a known one."""
+NEAR_END_DIAMETERS = 1.5
+"""A found line of which a visible end is further off is wrong."""
+FOLLOWED_SHARE = 0.9
+"""Least share of the visible points of the true line, and of the found line beside them, that a right line has."""
+MIN_VISIBLE_SHARE = 0.4
+"""Least share of a right found line that is beside the visible part of the true line."""
 FOUND_SHARE = 0.5
 """Share of the strips along lines that the locator found, of an image that has such lines."""
 _GREY = np.array([[0.299], [0.587], [0.114]], np.float32)
@@ -90,13 +96,14 @@ def strip_target(source: StripSource, rng: np.random.Generator) -> StripTarget:
     offset, near, at = _offsets(line, strip.points, strip.normals, diameter_px)
     first = _first_inside(line, source.image.shape) if is_found else 0
     (base, base_off), (tip, tip_off) = (_station(strip.points, end) for end in (line[first], line[-1]))
-    right = not (wrong or is_found) or bool(
-        source.present
-        and near.sum() > 0.72 * ALONG
-        and 0.0 <= base < 0.3 * ALONG
-        and 0.7 * ALONG < tip <= ALONG - 1
-        and max(base_off, tip_off) < 1.5 * diameter_px
-    )
+    right = not (wrong or is_found)
+    if is_found and source.present:
+        ends_near = base_off < NEAR_END_DIAMETERS * diameter_px, tip_off < NEAR_END_DIAMETERS * diameter_px
+        right = 0.0 <= base < 0.3 * ALONG and ends_near[0] and _follows(strip.points, line, state, near, diameter_px)
+        if state[-1] == SEEN:
+            right = right and 0.7 * ALONG < tip <= ALONG - 1 and ends_near[1]
+        elif not ends_near[1]:
+            tip = -1.0
     station = np.arange(ALONG)
     seen = (state[at] == SEEN) & near & (station > base - 0.5) & (station < tip + 0.5)
     lit = lit_otherwise(strip.values, rng)
@@ -188,6 +195,27 @@ def _offsets(
     offset = (1.0 - share) * across[station, at] + share * across[station, other]
     near = far[station, at] < 0.75 * np.linalg.norm(points[1] - points[0])
     return offset / diameter_px, near & (np.abs(offset) < MAX_OFFSET_DIAMETERS * diameter_px), at
+
+
+def _follows(
+    points: Float, line: Float, state: npt.NDArray[np.uint8], near: npt.NDArray[np.bool_], diameter_px: float
+) -> bool:
+    """Returns whether a found line follows the visible part of ``line``: its hidden part proves nothing.
+
+    Args:
+        points: (ALONG, 2) px, the found line.
+        line: (n, 2) px, the true line.
+        state: (n,) of its points.
+        near: (ALONG,) whether the true line is beside each point of the found line.
+        diameter_px: diameter of the strip.
+    """
+    visible = line[state == SEEN]
+    apart = np.linalg.norm(visible[:, None] - points[None], axis=2)
+    start, stop = int(apart[0].argmin()), int(apart[-1].argmin()) + 1
+    if stop - start <= MIN_VISIBLE_SHARE * ALONG:
+        return False
+    covered = (apart.min(axis=1) < MAX_OFFSET_DIAMETERS * diameter_px).mean()
+    return min(covered, near[start:stop].mean()) >= FOLLOWED_SHARE
 
 
 def _first_inside(line: Float, shape: tuple[int, ...]) -> int:

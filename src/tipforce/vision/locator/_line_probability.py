@@ -9,15 +9,19 @@ import numpy as np
 from ...types import FloatArray
 from ._locate import Located
 
-MAX_LOGIT = 6.0
-"""Larger logits say no more."""
+MAX_PRESENT, MAX_RIGHT = 6.0, 8.0
+"""Larger logits say no more: that a catheter is in the image, and that a part of the strip is the catheter's."""
 
 
 class LineFeatures(NamedTuple):
     """Features that separate a right line from a wrong one."""
 
-    right: float
-    """Logit of the second network that the strip is the catheter's."""
+    right_base: float
+    """Logit of the second network near the base that the strip is the catheter's."""
+    right_body: float
+    """The same between the ends."""
+    right_tip: float
+    """The same near the tip."""
     mass: float
     """Logarithm of the mean mass of the rough points."""
     present: float
@@ -39,12 +43,12 @@ MAX_ENDS_APART = 0.2
 MAX_SCORE = 3.0
 """A feature further from the mean, in standard deviations, says no more."""
 # BEGIN: printed by python -m bench.locator.probability
-MEANS = np.array([3.02, -0.375, 5.69, -3.61, -0.163, 0.098, 0.148, 0.0365])
-SPREADS = np.array([2.14, 0.305, 1.02, 0.633, 0.165, 0.81, 0.176, 0.0367])
+MEANS = np.array([4.81, 1.07, 3.44, -0.37, 5.71, -3.61, -0.16, 0.0597, 0.149, 0.0365])
+SPREADS = np.array([4.23, 1.24, 4.19, 0.322, 1.05, 0.626, 0.156, 0.811, 0.174, 0.0378])
 WEIGHTS = np.array([
-    1.53, 0.935, 0.919, 0.459, -0.81, 0.187, -0.22, -0.364, -0.456,
+    1.37, 0.337, 0.905, 0.0734, 1.03, 0.936, -0.739, 0.0905, -0.259, -0.639, -0.722,
 ])  # fmt: skip
-XRAY_LOG_ODDS, MARKED_LOG_ODDS = -1.1, 0.602
+XRAY_LOG_ODDS, MARKED_LOG_ODDS = -0.469, 0.709
 # END
 """Weights of a logistic regression on the features, standardised, the constant first, and the logits by which lines are
 right more often in X-ray images, and where a user has marked the base: simulated sessions and composed scenes that were
@@ -63,9 +67,11 @@ NEWTON_STEPS = 20
 def line_features(line: Located) -> LineFeatures:
     """Returns the features of ``line``."""
     return LineFeatures(
-        float(np.clip(line.right, -MAX_LOGIT, MAX_LOGIT)),
+        _at_most(line.right_base, MAX_RIGHT),
+        _at_most(line.right_body, MAX_RIGHT),
+        _at_most(line.right_tip, MAX_RIGHT),
         math.log(max(line.mass, 0.05)),
-        float(np.clip(math.log(line.present / max(1.0 - line.present, 1e-9)), -MAX_LOGIT, MAX_LOGIT)),
+        _at_most(math.log(line.present / max(1.0 - line.present, 1e-9)), MAX_PRESENT),
         math.log(max(line.spread, 0.01)),
         math.log(max(line.tip_peak, 0.05)) * line.tip_seen,
         math.log(max(line.bend, 0.5)),
@@ -74,13 +80,18 @@ def line_features(line: Located) -> LineFeatures:
     )
 
 
+def _at_most(logit: float, largest: float) -> float:
+    """Returns ``logit``, but at most ``largest`` in magnitude."""
+    return min(max(logit, -largest), largest)
+
+
 def standardised(features: FloatArray, means: FloatArray = MEANS, spreads: FloatArray = SPREADS) -> FloatArray:
-    """Returns (n, 9): 1, and the features in standard deviations from their means.
+    """Returns (n, 11): 1, and the features in standard deviations from their means.
 
     Args:
-        features: (n, 8) features.
-        means: (8,) their means.
-        spreads: (8,) their standard deviations.
+        features: (n, 10) features.
+        means: (10,) their means.
+        spreads: (10,) their standard deviations.
     """
     scores = np.clip((features - means) / spreads, -MAX_SCORE, MAX_SCORE)
     return np.hstack([np.ones((len(scores), 1)), scores])

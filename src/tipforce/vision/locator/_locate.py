@@ -50,6 +50,8 @@ MIN_PRESENT, MIN_MASS = 0.3, 0.12
 """An image with less is without a catheter."""
 GUESSED_ASPECT, MIN_DIAMETER_PX = 16.0, 2.0
 """Length of a catheter in diameters where its diameter is not known, and its least diameter."""
+END_STATIONS = 8.0
+"""Stations that are at most this far from an end judge that end."""
 ROUNDS = 2
 """The strip is read this often, once more where the diameter is not stated: each time along the line found before."""
 
@@ -69,7 +71,9 @@ class Located:
         base_in_view: whether the line begins inside the image.
         mass: mean probability of the rough points near their peaks.
         present: probability that a catheter is in the image.
-        right: logit that the strip is the catheter's; the smaller of both rounds.
+        right_base: logit that the strip is the catheter's, by the image near the base.
+        right_body: the same by the image between the ends.
+        right_tip: the same by the image near the tip.
         spread: median standard deviation across the seen part, diameters.
         bend: largest curvature of the line, in 1 / length.
         misfit: median distance of the rough points from the line, diameters.
@@ -88,7 +92,9 @@ class Located:
     base_in_view: bool
     mass: float
     present: float
-    right: float
+    right_base: float
+    right_body: float
+    right_tip: float
     spread: float
     bend: float
     misfit: float
@@ -186,17 +192,26 @@ def locate(
         return None
     size_px = float(arc_length(line)[-1])
     hint = Hint(read.points[0], read.points[-1], HINT_STD_SHARE * size_px, float(read.states[0, OUTSIDE]))
-    readings: list[Reading] = []
+    reading: Reading | None = None
     for _ in range(ROUNDS if prompts.diameter_px else ROUNDS + 1):
         reading = read_strip(colour, of_length(line, known), diameter_px, hint, known, network)
         line = line[:0] if reading is None else _inside(reading.line(), colour.shape)
         if reading is None or len(line) < MIN_SAMPLES:
             return None
-        readings.append(reading)
         if prompts.diameter_px is None:
             diameter_px = max(diameter_px * reading.read.width, MIN_DIAMETER_PX)
-    seen_px = diameter_px * (readings[-1].read.width if prompts.diameter_px else 1.0)
-    return replace(_located(read, readings[-2], readings[-1], line, diameter_px, points), diameter_px=seen_px)
+    assert reading is not None
+    seen_px = diameter_px * (reading.read.width if prompts.diameter_px else 1.0)
+    return replace(_located(read, reading, line, diameter_px, points), diameter_px=seen_px)
+
+
+def _verdicts(reading: Reading) -> tuple[float, float, float]:
+    """Returns the mean logit that the strip is the catheter's by the stations near the base, between, near the tip."""
+    from_base, from_tip = np.arange(ALONG) - reading.base.at, np.arange(ALONG) - reading.tip.at
+    near_base, near_tip = np.abs(from_base) <= END_STATIONS, np.abs(from_tip) <= END_STATIONS
+    between = (from_base > END_STATIONS) & (from_tip < -END_STATIONS)
+    base, body, tip = (float(reading.read.right[part].mean()) for part in (near_base, between, near_tip))
+    return base, body, tip
 
 
 def _long_enough(line: FloatArray, shape: tuple[int, ...]) -> bool:
@@ -209,40 +224,41 @@ def _inside(line: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return line[int(inside.argmax()) :] if inside.any() else line[:0]
 
 
-def _located(
-    read: RoughPoints, once: Reading, twice: Reading, line: FloatArray, diameter_px: float, points: int
-) -> Located:
-    base, tip = twice.base, twice.tip
+def _located(read: RoughPoints, reading: Reading, line: FloatArray, diameter_px: float, points: int) -> Located:
+    base, tip = reading.base, reading.tip
+    right_base, right_body, right_tip = _verdicts(reading)
     station = np.linspace(base.at, tip.at, points)
     along = np.arange(ALONG)
-    spread = np.maximum(twice.read.spread, MIN_SPREAD_DIAMETERS)
-    seen = np.interp(station, along, twice.read.seen) > MIN_SURE_SEEN
+    spread = np.maximum(reading.read.spread, MIN_SPREAD_DIAMETERS)
+    seen = np.interp(station, along, reading.read.seen) > MIN_SURE_SEEN
     arc = arc_length(line)
     step = float(arc[-1]) / max(tip.at - base.at, 1.0)
-    last = along[(along > tip.at - 3.0) & (along < tip.at + 0.5)]
-    tip_seen = float(twice.read.seen[last].mean()) if len(last) else 0.0
-    shaft = (along > base.at) & (along < tip.at) & (twice.read.seen > MIN_SURE_SEEN)
-    grey = twice.strip.values[:, shaft].mean(axis=-1) if shaft.any() else twice.strip.values.mean(axis=-1)
+    at_tip = along[(along > tip.at - 3.0) & (along < tip.at + 0.5)]
+    tip_seen = float(reading.read.seen[at_tip].mean()) if len(at_tip) else 0.0
+    shaft = (along > base.at) & (along < tip.at) & (reading.read.seen > MIN_SURE_SEEN)
+    grey = reading.strip.values[:, shaft].mean(axis=-1) if shaft.any() else reading.strip.values.mean(axis=-1)
     even = resampled(line, BEND_POINTS)
     turns = np.diff(np.unwrap(np.arctan2(*np.diff(even, axis=0).T[::-1])))
     apart = np.linalg.norm(read.points[:, None] - line[None], axis=2).min(axis=1)
     ends = read.mass[[0, -1]] * np.linalg.norm(read.points[[0, -1]] - line[[0, -1]], axis=1)
     return Located(
         points=resampled(line, points),
-        std_px=twice.std_px(points),
+        std_px=reading.std_px(points),
         seen=seen,
         length_px=float(arc[-1]),
         length_std_px=step * math.hypot(tip.std, base.std) * (SEEN_STD_FACTOR if tip_seen > 0.5 else HIDDEN_STD_FACTOR),
         tip_seen=tip_seen,
         tip_peak=tip.peak,
-        base_in_view=twice.base_in_view,
+        base_in_view=reading.base_in_view,
         mass=float(read.mass.mean()),
         present=read.present,
-        right=min(once.read.right, twice.read.right),
+        right_base=right_base,
+        right_body=right_body,
+        right_tip=right_tip,
         spread=float(np.median(spread[shaft])) if shaft.any() else float(np.median(spread)),
         bend=float(np.abs(turns).max()) * BEND_POINTS,
         misfit=float(np.median(apart)) / diameter_px,
-        ends_apart=float(ends[0 if twice.base_in_view else 1 :].sum() / max(arc[-1], 1e-9)),
+        ends_apart=float(ends[0 if reading.base_in_view else 1 :].sum() / max(arc[-1], 1e-9)),
         diameter_px=diameter_px,
         darker=bool(np.median(grey[_AXIS]) < np.median(grey[_BESIDE])),
     )

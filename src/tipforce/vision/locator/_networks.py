@@ -48,7 +48,7 @@ class RoughPoints(NamedTuple):
 
 
 class Offsets(NamedTuple):
-    """Result of the second network for a strip; each (ALONG,) but the last two."""
+    """Result of the second network for a strip; each (ALONG,) but the last."""
 
     offset: FloatArray
     """Distance of the axis along the normal, in diameters."""
@@ -60,8 +60,8 @@ class Offsets(NamedTuple):
     """Probability that the tip is at this station."""
     seen: FloatArray
     """Probability that the catheter is visible at this station."""
-    right: float
-    """Logit: the strip is the catheter's."""
+    right: FloatArray
+    """Logit by the image near this station that the strip is the catheter's; their mean is the strip's logit."""
     width: float
     """True diameter over the one that the strip was made with."""
 
@@ -130,6 +130,6 @@ def refine(strip: Strip, network: Path | None = None) -> Offsets:
         softmax(base[0].astype(np.float64)),
         softmax(tip[0].astype(np.float64)),
         expit(seen[0].astype(np.float64)),
-        float(right[0]),
+        right[0].astype(np.float64),
         float(np.exp(log_width[0])),
     )
