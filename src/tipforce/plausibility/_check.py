@@ -12,6 +12,8 @@ from ._noise import AxisNoise, axis_noise, run_lengths
 _MIN_READINGS = 100
 """Fewest readings in which noise and plateaus can be found."""
 _MIN_CLIPPED = 10
+_LIMIT_SHARE = 0.999
+"""A reading of at least this share of the range of the data sheet is clipped."""
 MIN_CLIPPED_RATIO = 4.0
 """A clipped axis has at least this ratio of readings at its extreme value to readings just below."""
 MIN_MOVING_STEPS, MIN_MOVING_NOISES, MIN_MOVING_SHARE = 4.0, 10.0, 0.2
@@ -63,6 +65,7 @@ def check_force_log(
     bad = np.zeros(len(stamps_ns), np.bool_)
 
     def add(kind: FindingKind, rows: BoolArray, axes: str, size: float = math.nan, detail: str = "") -> None:
+        # a reading counts in the first finding that covers it
         fresh = rows & ~bad
         bad[rows] = True
         for first, last in stretches(rows, seconds):
@@ -80,7 +83,7 @@ def check_force_log(
         )
     missing = np.isnan(force_n[:, axes]).any(axis=1) & ~bad
     bad |= missing
-    sound = np.flatnonzero(~bad)
+    sound = np.flatnonzero(~bad)  # rows of the readings that the sensor measured; `known` are their forces
     dead: list[int] = []
     if len(sound) >= _MIN_READINGS:
         known = force_n[sound]
@@ -92,23 +95,23 @@ def check_force_log(
             letter, values, noise = "xyz"[axis], known[:, axis], noises[axis]
             spikes, height = _spikes(values, noise, share)
             add("spike", _rows(sound[spikes], bad), letter, height, f"f{letter} deviates by {height:.3g} N")
-            others = {other: known[:, other] for other in living if other != axis}
+            others = {each: known[:, each] for each in living if each != axis}
             plateau, level = _clipped(values, noise, others, noises, spikes, range_n[axis] if range_n else math.inf)
-            said = f"f{letter} stays at {level:.4g} N, the end of its range"
-            add("clipped", _rows(sound[plateau], bad), letter, level, said)
+            detail = f"f{letter} stays at {level:.4g} N, the end of its range"
+            add("clipped", _rows(sound[plateau], bad), letter, level, detail)
             still = _stuck(values, noise) & ~plateau
             add("dead axis", _rows(sound[still], bad), letter, detail=f"f{letter} repeats one value for too long")
         for axis in dead:
-            said = f"f{'xyz'[axis]} is {known[0, axis]:.4g} N in every row, so this axis gives no labels"
-            findings.append(ForceFinding("dead axis", 0.0, seconds[-1], "xyz"[axis], float(known[0, axis]), 0, said))
+            detail = f"f{'xyz'[axis]} is {known[0, axis]:.4g} N in every row, so this axis gives no labels"
+            findings.append(ForceFinding("dead axis", 0.0, seconds[-1], "xyz"[axis], float(known[0, axis]), 0, detail))
     bridged, longest = _gaps(seconds, bad, missing, findings)
-    found = ForcePlausibility(
+    plausibility = ForcePlausibility(
         tuple(sorted(findings, key=lambda finding: finding.start_s)),
         dead_axes="".join("xyz"[axis] for axis in dead),
         bridged=bridged,
         longest_bridged_s=longest,
     )
-    return found.without(stamps_ns, bad)
+    return plausibility.without(stamps_ns, bad)
 
 
 def _rows(at: npt.NDArray[np.intp], like: BoolArray) -> BoolArray:
@@ -125,26 +128,35 @@ def _dead(known: FloatArray, axes: list[int]) -> list[int]:
 
 
 def _spikes(values: FloatArray, noise: AxisNoise, share: float) -> tuple[BoolArray, float]:
-    """Returns whether each reading (n,) is a spike of one or two rows, or an outlier, and the largest height, N."""
+    """Finds spikes of one or two rows, and outliers of any duration.
+
+    Args:
+        values: (n,) readings of one axis, N.
+        noise: its noise.
+        share: smallest height of a spike as a share of the range of the axis.
+
+    Returns:
+        Whether each reading (n,) is a spike or an outlier, and the largest height, N.
+    """
     low, high = np.percentile(values, (0.5, 99.5))
     height = np.zeros(len(values))
     for width in (1, 2):
         before, after = values[: -width - 1], values[width + 1 :]
-        inside = np.stack([values[1 + k : len(values) - width + k] for k in range(width)])
-        up, down = inside - before, inside - after
-        same = (np.sign(up) == np.sign(down)).all(axis=0)
-        away = np.minimum(np.abs(up), np.abs(down)).min(axis=0)
-        away[~same | (np.abs(after - before) > MAX_RETURN_SHARE * away)] = 0.0
-        for k in range(width):
-            part = height[1 + k : len(values) - width + k]
-            np.maximum(part, away, out=part)
+        inside = np.stack([values[1 + k : len(values) - width + k] for k in range(width)])  # (width, m) rows of a spike
+        above_before, above_after = inside - before, inside - after
+        same_side = (np.sign(above_before) == np.sign(above_after)).all(axis=0)
+        spike_n = np.minimum(np.abs(above_before), np.abs(above_after)).min(axis=0)
+        spike_n[~same_side | (np.abs(after - before) > MAX_RETURN_SHARE * spike_n)] = 0.0
+        for k in range(width):  # every row of a spike gets its height
+            spike_rows = height[1 + k : len(values) - width + k]
+            np.maximum(spike_rows, spike_n, out=spike_rows)
     least = max(MIN_SPIKE_NOISES * noise.std_n, share * float(high - low))
     beyond = np.maximum(values - high, low - values)
     far = beyond > MIN_OUTLIER_RANGES * float(high - low) + MIN_SPIKE_NOISES * noise.std_n
-    found = (height > least) | far
-    if not found.any() or found.mean() > MAX_SPIKE_SHARE:
+    spikes = (height > least) | far
+    if not spikes.any() or spikes.mean() > MAX_SPIKE_SHARE:
         return np.zeros(len(values), np.bool_), 0.0
-    return found, float(np.where(far, beyond, height)[found].max())
+    return spikes, float(np.where(far, beyond, height)[spikes].max())
 
 
 def _clipped(
@@ -155,13 +167,28 @@ def _clipped(
     spikes: BoolArray,
     range_n: float,
 ) -> tuple[BoolArray, float]:
-    """Returns whether each reading (n,) is on a plateau at an end of the range of the axis, and its level, N."""
-    at_limit = np.abs(values) >= 0.999 * range_n
+    """Finds the readings on a plateau at an end of the range of an axis.
+
+    Without a limit by the data sheet, a plateau is the highest (or lowest) band of readings, half a quantisation step
+    or a quarter of the noise wide, with many readings in it and few just below it.
+
+    Args:
+        values: (n,) readings of the axis, N.
+        noise: its noise.
+        others: other axis -> its (n,) readings, N.
+        noises: axis -> its noise.
+        spikes: (n,) whether a reading is a spike; these do not count.
+        range_n: largest reading by the data sheet, N; infinite where it is not known.
+
+    Returns:
+        Whether each reading (n,) is on a plateau, and its level, N; NaN without a plateau.
+    """
+    at_limit = np.abs(values) >= _LIMIT_SHARE * range_n
     if at_limit.any():
         return at_limit, range_n
     width = max(0.5 * noise.step_n, 0.25 * noise.std_n)
-    found, level = np.zeros(len(values), np.bool_), math.nan
-    for sign in (1.0, -1.0):
+    clipped, level = np.zeros(len(values), np.bool_), math.nan
+    for sign in (1.0, -1.0):  # the upper end, then the lower one
         signed = sign * values
         top = float(signed[~spikes].max())
         plateau = (signed > top - width) & ~spikes
@@ -169,10 +196,11 @@ def _clipped(
         count = int(plateau.sum())
         if count < max(_MIN_CLIPPED, MIN_CLIPPED_RATIO * int(below.sum())):
             continue
+        # visible noise makes every plateau suspicious; without it, the sensor may only be at rest
         if noise.longest_run or _others_move(plateau, others, noises):
-            found |= plateau
+            clipped |= plateau
             level = sign * top
-    return found, level
+    return clipped, level
 
 
 def _others_move(plateau: BoolArray, others: dict[int, FloatArray], noises: dict[int, AxisNoise]) -> bool:
@@ -183,14 +211,12 @@ def _others_move(plateau: BoolArray, others: dict[int, FloatArray], noises: dict
     """
     if not others:
         return not plateau[0]
-    moved = [
-        (float(np.ptp(np.percentile(other[plateau], (5, 95)))), float(np.ptp(other)), noises[axis])
-        for axis, other in others.items()
-    ]
-    return any(
-        span > max(MIN_MOVING_STEPS * noise.step_n, MIN_MOVING_NOISES * noise.std_n, MIN_MOVING_SHARE * whole)
-        for span, whole, noise in moved
-    )
+    for axis, values in others.items():
+        span_n = float(np.ptp(np.percentile(values[plateau], (5, 95))))  # on the plateau, without its extremes
+        noise, range_n = noises[axis], float(np.ptp(values))
+        if span_n > max(MIN_MOVING_STEPS * noise.step_n, MIN_MOVING_NOISES * noise.std_n, MIN_MOVING_SHARE * range_n):
+            return True
+    return False
 
 
 def _stuck(values: FloatArray, noise: AxisNoise) -> BoolArray:
@@ -202,20 +228,30 @@ def _stuck(values: FloatArray, noise: AxisNoise) -> BoolArray:
 
 
 def _gaps(seconds: FloatArray, bad: BoolArray, missing: BoolArray, findings: list[ForceFinding]) -> tuple[int, float]:
-    """Returns the number of gaps that labels bridge, and the longest of them, s; adds the others to ``findings``."""
+    """Finds the gaps between usable readings. Labels are interpolated across gaps of up to ``MAX_GAP_S``.
+
+    Args:
+        seconds: (n,) times of the readings, s.
+        bad: (n,) whether a reading is not used.
+        missing: (n,) whether a row has no reading.
+        findings: gets the longer gaps.
+
+    Returns:
+        The number of gaps that labels bridge, and the longest of them, s.
+    """
     usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
     if usual > MAX_GAP_S or len(seconds) < 2:
         return 0, 0.0
-    at = np.concatenate([[-1], np.flatnonzero(~bad), [len(bad)]])  # with the rows before and after the log
+    usable_rows = np.concatenate([[-1], np.flatnonzero(~bad), [len(bad)]])  # with the rows before and after the log
     times = np.concatenate([[seconds[0] - usual], seconds[~bad], [seconds[-1] + usual]])
     steps = np.diff(times)
     long = steps > MAX_GAP_S
-    for place in np.flatnonzero(long).tolist():
-        rows = slice(int(at[place]) + 1, int(at[place + 1]))
-        own = int(missing[rows].sum())
-        if own < int(bad[rows].sum()):  # another finding gives the reason
+    for gap in np.flatnonzero(long).tolist():
+        rows = slice(int(usable_rows[gap]) + 1, int(usable_rows[gap + 1]))
+        missing_count = int(missing[rows].sum())
+        if missing_count < int(bad[rows].sum()):  # another finding gives the reason
             continue
-        first, last = max(float(times[place]), 0.0), min(float(times[place + 1]), float(seconds[-1]))
-        findings.append(ForceFinding("gap", first, last, readings=own, detail="images in it get no force"))
+        first, last = max(float(times[gap]), 0.0), min(float(times[gap + 1]), float(seconds[-1]))
+        findings.append(ForceFinding("gap", first, last, readings=missing_count, detail="images in it get no force"))
     short = steps[(steps > MIN_GAP_STEPS * usual) & ~long]
     return len(short), float(short.max(initial=0.0))

@@ -13,8 +13,9 @@ from scipy.ndimage import uniform_filter1d
 from ..types import BoolArray, FloatArray, IntArray
 from ._noise import axis_noise
 
-_MIN_READINGS = 100
-
+_MIN_READINGS, _MIN_SPAN_READINGS = 100, 10
+_MIN_PERIOD_S = 1e-6
+"""Smallest period that is divided by, for stamps that are almost equal."""
 FIT_S, _FIT_READINGS = 8e-3, (3, 20)
 """Duration, and range of the number of readings, of the straight lines before and after a jump, which are continued to
 the middle between them."""
@@ -64,8 +65,7 @@ def find_zero_steps(stamps_ns: IntArray, force_n: FloatArray, level_n: FloatArra
         stamps_ns: (n,) stamps of usable readings, rising.
         force_n: (n, 3) forces, N, finite but for axes that the sensor lacks (NaN); best without inertia.
         level_n: (3,) readings without contact at the start, N, where they are known: a jump after which the readings
-        return
-            to this level is no step of the zero.
+            return to this level is no step of the zero.
 
     Returns:
         The steps, in the order of time.
@@ -76,7 +76,7 @@ def find_zero_steps(stamps_ns: IntArray, force_n: FloatArray, level_n: FloatArra
         return []
     values = force_n[:, axes].copy()
     level = None if level_n is None else level_n[axes]
-    found: list[ZeroStep] = []
+    steps: list[ZeroStep] = []
     for _ in range(_MAX_STEPS):
         best = _best_step(seconds, values, level)
         if best is None:
@@ -84,15 +84,24 @@ def find_zero_steps(stamps_ns: IntArray, force_n: FloatArray, level_n: FloatArra
         row, jump, free_s = best
         step = np.zeros(3)
         step[axes] = jump
-        found.append(ZeroStep(row, step, free_s))
-        values[row:] -= jump
-    return sorted(found, key=lambda each: each.row)
+        steps.append(ZeroStep(row, step, free_s))
+        values[row:] -= jump  # smaller steps are searched in the corrected readings
+    return sorted(steps, key=lambda each: each.row)
 
 
 def _best_step(
     seconds: FloatArray, values: FloatArray, level: FloatArray | None
 ) -> tuple[int, FloatArray, float] | None:
-    """Returns the row after the best step, the step (axes,) and the time at the new level, s; None without a step."""
+    """Finds the jump that explains most of the change of the readings around it.
+
+    Args:
+        seconds: (n,) times of the readings, s.
+        values: (n, axes) readings, N.
+        level: (axes,) contact-free readings at the start, N, or None.
+
+    Returns:
+        The row after the step, the step (axes,), N, and the time at the new level, s; None without a step.
+    """
     jumps, noise_n = _jumps(seconds, values)
     size = np.linalg.norm(jumps, axis=1)
     size[(seconds < _SPANS_S[0]) | (seconds > seconds[-1] - _SPANS_S[0])] = 0.0
@@ -100,12 +109,13 @@ def _best_step(
     rows = np.flatnonzero(size > least)
     rows = rows[np.argsort(size[rows])[::-1]]
     best, best_gain = None, 0.0
-    taken: list[int] = []
-    for row in rows.tolist():
-        if any(abs(row - other) < _FIT_READINGS[1] for other in taken):
+    candidates: list[int] = []
+    for row in rows.tolist():  # the largest jump first
+        # a step gives a jump in all rows within the fitted lines; only its largest one is a candidate
+        if any(abs(row - candidate) < _FIT_READINGS[1] for candidate in candidates):
             continue
-        taken.append(row)
-        if len(taken) > _MAX_CANDIDATES:
+        candidates.append(row)
+        if len(candidates) > _MAX_CANDIDATES:
             break
         gain, spans = _explained(seconds, values, row, jumps[row])
         if gain <= best_gain:
@@ -123,14 +133,24 @@ def _best_step(
 def _at_levels(
     seconds: FloatArray, values: FloatArray, level: FloatArray, jump: FloatArray
 ) -> tuple[FloatArray, float, float]:
-    """Returns the step by the contact-free stretches after it, the time in them, and the time at the old level, s."""
-    old = resting(seconds, values - level)
-    new = resting(seconds, values - level - jump)
-    period = max(float(np.median(np.diff(seconds))), 1e-6)
-    free_s, old_s = float(new.sum() * period), float(old.sum() * period)
+    """Measures a step again by the contact-free stretches after it.
+
+    Args:
+        seconds: (n,) times of the readings after the jump, s.
+        values: (n, axes) these readings, N.
+        level: (axes,) contact-free readings before the jump, N.
+        jump: (axes,) the step by the readings next to it, N.
+
+    Returns:
+        The step (axes,), N, the time at the new contact-free level, and the time at the old one, s.
+    """
+    at_old = resting(seconds, values - level)
+    at_new = resting(seconds, values - level - jump)
+    period = max(float(np.median(np.diff(seconds))), _MIN_PERIOD_S)
+    free_s, old_s = float(at_new.sum() * period), float(at_old.sum() * period)
     if free_s < _MIN_FREE_S:
         return jump, 0.0, old_s
-    measured = np.median(values[new], axis=0) - level
+    measured = np.median(values[at_new], axis=0) - level
     return (measured if np.linalg.norm(measured - jump) < MAX_LEVEL_DISTANCE_N else jump), free_s, old_s
 
 
@@ -148,25 +168,29 @@ def resting(
     Returns:
         (n,) whether each reading is in a stretch.
     """
-    period = max(float(np.median(np.diff(seconds))), 1e-6) if len(seconds) > 1 else 1.0
+    period = max(float(np.median(np.diff(seconds))), _MIN_PERIOD_S) if len(seconds) > 1 else 1.0
     width = max(1, round(_SMOOTH_S / period))
     smooth = uniform_filter1d(values, width, axis=0, mode="nearest")
     near = np.linalg.norm(smooth, axis=1) < near_n
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(np.int8), [0]])))
-    kept = np.zeros(len(values), np.bool_)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(np.int8), [0]])))  # first row, end, first row, ...
+    at_rest = np.zeros(len(values), np.bool_)
     for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        kept[first:end] = (end - first) * period >= least_s
-    return kept
+        at_rest[first:end] = (end - first) * period >= least_s
+    return at_rest
 
 
 def _jumps(seconds: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
-    """Returns the (n, axes) jump before each row, N, and the standard deviation of a jump by noise alone."""
-    period = max(float(np.median(np.diff(seconds))), 1e-6)
+    """Returns the (n, axes) jump before each row, N, and the standard deviation of a jump by noise alone.
+
+    A jump is the difference, in the middle between two rows, of the straight lines through the readings after and
+    before it; a steady change of the force gives none. The difference is linear in the readings: a correlation.
+    """
+    period = max(float(np.median(np.diff(seconds))), _MIN_PERIOD_S)
     count = int(np.clip(round(FIT_S / period), *_FIT_READINGS))
-    place = np.arange(count) - (count - 1) / 2
+    offset = np.arange(count) - (count - 1) / 2
     # weights that continue the straight line through `count` readings half a reading beyond the last of them
-    ahead = 1.0 / count + place * (count / 2) / np.sum(place**2)
-    kernel = np.concatenate([-ahead, ahead[::-1]])
+    weights = 1.0 / count + offset * (count / 2) / np.sum(offset**2)
+    kernel = np.concatenate([-weights, weights[::-1]])
     jumps = np.zeros_like(values)
     for axis in range(values.shape[1]):
         jumps[count : len(values) - count + 1, axis] = np.correlate(values[:, axis], kernel, mode="valid")
@@ -175,23 +199,33 @@ def _jumps(seconds: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _explained(seconds: FloatArray, values: FloatArray, row: int, jump: FloatArray) -> tuple[float, int]:
-    """Returns how much the jump before ``row`` reduces the distance of both distributions, N, and in how many spans."""
+    """Compares the distributions of the readings before and after a jump, with and without it.
+
+    Args:
+        seconds: (n,) times of the readings, s.
+        values: (n, axes) readings, N.
+        row: the row after the jump.
+        jump: (axes,) the jump, N.
+
+    Returns:
+        The largest reduction of the distance of both distributions by the jump, N, and the number of spans with one.
+    """
     size, gains = float(np.linalg.norm(jump)), [0.0]
     for span in _SPANS_S:
         first, end = np.searchsorted(seconds, (seconds[row] - span, seconds[row] + span)).tolist()
-        if row - first < 10 or end - row < 10:
+        if min(row - first, end - row) < _MIN_SPAN_READINGS:
             continue
-        behind, before = (
+        after, before = (
             np.quantile(part[:: 1 + len(part) // MAX_COMPARED_READINGS], _QUANTILES, axis=0)
             for part in (values[row:end], values[first:row])
         )
-        apart = behind - before
-        whole, left = _distance(apart), _distance(apart - jump)
-        if whole > MIN_DISTANCE_RATIO * size and left < MAX_REMAINING_SHARE * whole:
-            gains.append(whole - left)
+        shift = after - before  # (quantiles, axes)
+        distance_n, remaining_n = _distance(shift), _distance(shift - jump)
+        if distance_n > MIN_DISTANCE_RATIO * size and remaining_n < MAX_REMAINING_SHARE * distance_n:
+            gains.append(distance_n - remaining_n)
     return max(gains), len(gains) - 1
 
 
-def _distance(apart: FloatArray) -> float:
+def _distance(shift: FloatArray) -> float:
     """Returns the root of the squared sum over the axes of mean distances between quantiles (k, axes), N."""
-    return float(np.linalg.norm(np.abs(apart).mean(axis=0)))
+    return float(np.linalg.norm(np.abs(shift).mean(axis=0)))
