@@ -153,7 +153,7 @@ class ForcePlausibility:
             rows: (n,) True for each reading that is not used either.
         """
         bad = rows | ~self.usable(stamps_ns)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(np.int8), [0]])))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(np.int8), [0]])))  # first row, end, ...
         return replace(self, unusable_ns=np.stack([stamps_ns[edges[::2]], stamps_ns[edges[1::2] - 1]], axis=1))
 
     def corrected(self, stamps_ns: IntArray, force_n: FloatArray) -> FloatArray:
@@ -166,25 +166,25 @@ class ForcePlausibility:
         Returns:
             (n, 3): NaN where a reading or an axis is not used; steps and drift of the zero subtracted.
         """
-        made = np.array(force_n, np.float64)
+        corrected_n = np.array(force_n, np.float64)
         for stamp, step in self.zero_steps.items():
-            made[stamps_ns >= stamp] -= np.array(step)
+            corrected_n[stamps_ns >= stamp] -= np.array(step)
         if any(self.drift_n_per_s):
-            made -= np.outer((stamps_ns - self.drift_zero_ns) * 1e-9, self.drift_n_per_s)
-        made[~self.usable(stamps_ns)] = math.nan
-        made[:, ["xyz".index(axis) for axis in self.dead_axes]] = math.nan
-        return made
+            corrected_n -= np.outer((stamps_ns - self.drift_zero_ns) * 1e-9, self.drift_n_per_s)
+        corrected_n[~self.usable(stamps_ns)] = math.nan
+        corrected_n[:, ["xyz".index(axis) for axis in self.dead_axes]] = math.nan
+        return corrected_n
 
     def lines(self) -> list[str]:
         """Returns one line for people for each kind of finding, with its stretches of time."""
         by_kind = {kind: [each for each in self.findings if each.kind == kind] for kind in FINDING_KINDS}
-        said = [_line(kind, found) for kind, found in by_kind.items() if found]
+        lines = [_line(kind, findings) for kind, findings in by_kind.items() if findings]
         if self.bridged:
-            said.append(
+            lines.append(
                 f"{self.bridged} gap{'s' * (self.bridged > 1)} of at most {1e3 * MAX_GAP_S:g} ms bridged by straight "
                 f"lines (the longest {1e3 * self.longest_bridged_s:.3g} ms)"
             )
-        return said
+        return lines
 
     def record(self) -> dict[str, str]:
         """Returns the findings as a metadata record of a recording."""
@@ -223,15 +223,16 @@ class ForcePlausibility:
 
 
 def _line(kind: str, findings: list[ForceFinding]) -> str:
+    """Returns one line on all findings of a kind: unused readings, the first stretches of time, distinct details."""
     readings = sum(finding.readings for finding in findings)
     where = ", ".join(_stretch(finding) for finding in findings[:MAX_SHOWN_STRETCHES])
     more = f" and {len(findings) - MAX_SHOWN_STRETCHES} more stretches" if len(findings) > MAX_SHOWN_STRETCHES else ""
     details = list(dict.fromkeys(finding.detail for finding in findings if finding.detail))
-    said = "".join(f"; {detail}" for detail in details[:MAX_SHOWN_STRETCHES])
+    sentences = "".join(f"; {detail}" for detail in details[:MAX_SHOWN_STRETCHES])
     unused = f": {readings} readings not used" if readings else ""
     if kind == "gap":
         unused = f": {len(findings)} of more than {1e3 * MAX_GAP_S:g} ms"
-    return f"{kind}{unused} ({where}{more}){said}"
+    return f"{kind}{unused} ({where}{more}){sentences}"
 
 
 def _stretch(finding: ForceFinding) -> str:

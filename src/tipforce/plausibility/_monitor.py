@@ -66,19 +66,22 @@ class ForceMonitor:
         return "; ".join(ForcePlausibility(self.findings).lines())
 
     def _check(self, readings: Sequence[tuple[int, FloatArray]]) -> None:
+        """Checks the window's readings (stamp, force (3,), N), and adds new steps of the zero to the known ones."""
         stamps = np.array([stamp for stamp, _ in readings], np.int64)
         force = np.array([reading for _, reading in readings])
-        found = check_force_log(stamps, force, range_n=self._range_n)
+        plausibility = check_force_log(stamps, force, range_n=self._range_n)
         first_ns = self._first_ns or 0
-        late_s = (int(stamps[0]) - first_ns) * 1e-9
-        moved = (
-            replace(finding, start_s=finding.start_s + late_s, end_s=finding.end_s + late_s)
-            for finding in found.findings
+        # the check counts seconds from the window's first reading, the monitor from the stream's
+        window_s = (int(stamps[0]) - first_ns) * 1e-9
+        findings = (
+            replace(finding, start_s=finding.start_s + window_s, end_s=finding.end_s + window_s)
+            for finding in plausibility.findings
         )
-        self._now = replace(found, findings=tuple(moved))
+        self._now = replace(plausibility, findings=tuple(findings))
         axes = ~np.isnan(force).all(axis=0)
-        rows = np.flatnonzero(found.usable(stamps) & np.isfinite(force[:, axes]).all(axis=1))
+        rows = np.flatnonzero(plausibility.usable(stamps) & np.isfinite(force[:, axes]).all(axis=1))
         for step in find_zero_steps(stamps[rows], force[rows]):
             at_ns = int(stamps[rows[step.row]])
-            if all(abs(at_ns - other) > CHECK_PERIOD_NS for other in self._steps):
+            # the windows overlap: the same step is found again, perhaps a few readings earlier or later
+            if all(abs(at_ns - known_ns) > CHECK_PERIOD_NS for known_ns in self._steps):
                 self._steps[at_ns] = ForceFinding.of_step((at_ns - first_ns) * 1e-9, step.step_n)

@@ -32,12 +32,13 @@ class AxisNoise:
 
 
 def axis_noise(values: FloatArray) -> AxisNoise:
-    """Measures the noise of the readings (n,) of one axis, all of them finite."""
+    """Measures the noise of the readings (n,) of one axis, N, all of them finite."""
     changes = np.abs(np.diff(values))
     changes = changes[changes > 0.0]
     # most changes are whole steps; some smaller ones come from readings that were computed
     step = float(np.percentile(changes, 10.0)) if len(changes) else 0.0
-    # third differences of neighbouring readings contain almost no force, and 20 times the variance of the noise
+    # third differences of neighbouring readings contain almost no force, and 20 times the variance of the noise; 1.4826
+    # times the median of absolute values is the standard deviation of a normal distribution
     moving = np.lib.stride_tricks.sliding_window_view(np.diff(values), 3).any(axis=1)  # a stuck axis shows no noise
     rough = np.abs(np.diff(values, 3))[moving]
     std = max(1.4826 * float(np.median(rough)) / math.sqrt(20.0) if len(rough) else 0.0, step / math.sqrt(12.0))
@@ -45,7 +46,18 @@ def axis_noise(values: FloatArray) -> AxisNoise:
 
 
 def _longest_run(values: FloatArray, step_n: float) -> int:
-    """Returns the longest run by the quieter half of the changing windows; a level between steps is the worst case."""
+    """Determines the longest run of equal readings that the noise explains.
+
+    The noise is that of the quieter half of the windows in which the axis changes. Neighbouring readings are equal with
+    the highest probability where the true level is in the middle of a quantisation interval.
+
+    Args:
+        values: (n,) readings of one axis, N.
+        step_n: quantisation step, N.
+
+    Returns:
+        The number of readings; 0 where the noise is too small to determine it.
+    """
     count = len(values) // WINDOW_READINGS
     windows = values[: count * WINDOW_READINGS].reshape(count, WINDOW_READINGS)
     span = np.ptp(windows, axis=1)
@@ -58,6 +70,7 @@ def _longest_run(values: FloatArray, step_n: float) -> int:
     equal = math.erf(0.5 * step_n / math.sqrt(2.0 * variance)) if variance > 0.0 else 1.0
     if equal > _MAX_EQUAL_SHARE:
         return 0
+    # a run of k readings from one of n rows has a probability of at most n * equal**k
     return math.ceil(math.log(MAX_FALSE_ALARM_PROBABILITY / len(values)) / math.log(max(equal, 0.05)))
 
 
