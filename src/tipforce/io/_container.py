@@ -114,6 +114,9 @@ def is_foreign(path: Path) -> bool:
 def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:
     """Checks that all bytes before the index, except the content of the chunks, are as they were written.
 
+    The file states one checksum (CRC-32) of all these bytes. It is combined from the checksums of its parts: those that
+    each chunk states for its content, which is not read here, and those of the bytes between.
+
     Args:
         stream: the file.
         summary: its index.
@@ -131,24 +134,24 @@ def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:
         return True
     crcs: list[int] = []
     lengths: list[int] = []
-    at = 0
+    position = 0  # end of the bytes whose checksums are collected
     stream.seek(0)
     for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
         head_at = chunk.chunk_start_offset
         body_at = head_at + _CHUNK_HEAD.size + 8
-        if head_at < at or body_at + chunk.uncompressed_size > start:
+        if head_at < position or body_at + chunk.uncompressed_size > start:
             return False
-        before = stream.read(body_at - at)
-        opcode, length, _, _, size, crc, name = _CHUNK_HEAD.unpack_from(before, head_at - at)
-        whole = opcode == Opcode.CHUNK and length == chunk.chunk_length - _RECORD.size and not name
-        if not (whole and size == chunk.uncompressed_size and length == _CHUNK_HEAD.size - 1 + size):
+        before = stream.read(body_at - position)
+        opcode, length, _, _, size, crc, compression = _CHUNK_HEAD.unpack_from(before, head_at - position)
+        indexed = opcode == Opcode.CHUNK and length == chunk.chunk_length - _RECORD.size and not compression
+        if not (indexed and size == chunk.uncompressed_size and length == _CHUNK_HEAD.size - 1 + size):
             return False
-        if not crc:
+        if not crc:  # this chunk states no checksum, so that of the file cannot be combined
             return True
         crcs += [zlib.crc32(before), crc]
         lengths += [len(before), size]
-        at = stream.seek(body_at + size)
-    rest = stream.read(start - _DATA_END.size - at)
+        position = stream.seek(body_at + size)
+    rest = stream.read(start - _DATA_END.size - position)
     return combined_crc([*crcs, zlib.crc32(rest)], [*lengths, len(rest)]) == stated
 
 

@@ -202,10 +202,17 @@ def _unit(log: Log, column: str, info: ForceLogInfo) -> str:
 def _newtons(
     log: Log, columns: Sequence[str], units: Sequence[str], info: ForceLogInfo, remarks: list[str]
 ) -> list[float]:
-    """Returns the newtons that the number 1 is in each column.
+    """Returns the factor, in newtons, of the numbers of each column.
 
-    A log of ATI states "Counts per Unit Force" and holds counts; a log of later versions of its program holds forces.
-    Counts are whole numbers.
+    A log of the manufacturer ATI states "Counts per Unit Force" and holds counts; a log of later versions of its
+    program holds forces under the same header. Whole numbers in all columns are taken as counts.
+
+    Args:
+        log: the log; its lines above the table state counts and unit.
+        columns: the columns of the forces.
+        units: unit of each column, or "counts".
+        info: description of the log in ``bench.toml``; it has precedence over the header.
+        remarks: gets the assumption.
     """
     stated = log.table.facts.get(_COUNTS_FACT, "")
     per_unit = float(stated) if re.fullmatch(r"\d+(?:\.\d*)?(?:[eE]\d+)?", stated) else 0.0

@@ -192,13 +192,13 @@ def recover(part: Path, target: Path, *, keep: bool = False, facts: Sequence[Fac
     Raises:
         FileFormatError: nothing is left, or another process is writing it.
     """
-    made = target.with_name(target.name + ".recovering")
+    unfinished = target.with_name(target.name + ".recovering")
     found = _Findings()
-    with part.open("rb") as source, made.open("wb") as sink:
+    with part.open("rb") as source, unfinished.open("wb") as sink:
         lock(source, part)
         writer = Writer(sink, compression=CompressionType.NONE, chunk_size=4 << 20, enable_data_crcs=True)
         writer.start(profile="ros2", library="tipforce")
-        schemas: dict[int, int] = {}
+        schemas: dict[int, int] = {}  # number in the damaged file -> number in the new one
         channels: dict[int, int] = {}
         last_ns = 0
         for record in _records(source, found):
@@ -217,22 +217,22 @@ def recover(part: Path, target: Path, *, keep: bool = False, facts: Sequence[Fac
                 writer.add_metadata(record.name, record.metadata)
         if not found.finished and found.messages:
             found.last_s = last_ns * 1e-9
-        said = found.said(part.name if keep else target.name)
+        losses = found.said(part.name if keep else target.name)
         if found.messages:
             for fact in facts:
                 writer.add_metadata(record_name(fact), fact.record())
-            writer.add_metadata("tipforce.recovered", {"detail": said})
+            writer.add_metadata("tipforce.recovered", {"detail": losses})
             writer.finish()
             sink.flush()
             os.fsync(sink.fileno())
     if not found.messages:
-        made.unlink()
+        unfinished.unlink()
         why = "no message in it is whole" if found.finished else "was cut off before its first message was written"
         raise FileFormatError(f"{part}: {why}; nothing is in it, remove it")
-    made.replace(target)
+    unfinished.replace(target)
     if not keep:
         part.unlink()
-    return said
+    return losses
 
 
 def whole_records(stream: IO[bytes]) -> Iterator[object]:
@@ -241,7 +241,15 @@ def whole_records(stream: IO[bytes]) -> Iterator[object]:
 
 
 def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
-    """Yields the undamaged records, also those in chunks, up to the end of the file or of its undamaged part."""
+    """Yields the undamaged records, also those in chunks, up to the end of the file or of its undamaged part.
+
+    A record is its opcode, its length and its content. Where a length is damaged, the index at the end of the file, if
+    there is one, gives the position of the next chunk, and reading goes on there.
+
+    Args:
+        stream: the file.
+        found: the findings, which are updated.
+    """
     size = stream.seek(0, 2)
     summary = _index_of(stream, found)
     chunks = {} if summary is None else {chunk.chunk_start_offset: chunk for chunk in summary.chunk_indexes}

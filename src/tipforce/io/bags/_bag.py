@@ -88,20 +88,25 @@ class Bag(ClosedAtExit):
                 yield Actuation(frame.stamp_ns, dict(self.session_info.actuation.constant))
             first = False
             while self.joints is not None and row < len(stamps) and stamps[row] <= frame.stamp_ns:
-                here = {name: float(values[row]) for name, values in self.joints.values.items()}
-                yield Actuation(int(stamps[row]), {name: value for name, value in here.items() if value == value})
+                readings = {name: float(values[row]) for name, values in self.joints.values.items()}
+                stated = {name: value for name, value in readings.items() if not math.isnan(value)}
+                yield Actuation(int(stamps[row]), stated)
                 row += 1
             yield frame
 
     def frames(self) -> Iterator[Frame]:
-        """Yields the images in the order of their stamps. Raises TimeError where they are far from this order."""
+        """Yields the images in the order of their stamps. Raises TimeError where they are far from this order.
+
+        Messages may be slightly out of order in the bag. `REORDERED_FRAMES` of them wait in a heap, and the earliest
+        one leaves it when another comes.
+        """
         names = {topic.name: view for view, topic in self.views.items()}
         depths = {name: StreamDepth(_Wide(self.path, name)) for name in names}
         waiting: list[tuple[int, int, str, Any]] = []
         last: dict[str, int] = {}
 
-        def due(kept: int) -> Iterator[Frame]:
-            while len(waiting) > kept:
+        def due(waiting_count: int) -> Iterator[Frame]:
+            while len(waiting) > waiting_count:
                 stamp, _, name, content = heapq.heappop(waiting)
                 if stamp > last.get(name, -1):
                     last[name] = stamp
