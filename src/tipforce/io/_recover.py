@@ -244,11 +244,7 @@ def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
     """Yields the undamaged records, also those in chunks, up to the end of the file or of its undamaged part.
 
     A record is its opcode, its length and its content. Where a length is damaged, the index at the end of the file, if
-    there is one, gives the position of the next chunk, and reading goes on there.
-
-    Args:
-        stream: the file.
-        found: the findings, which are updated.
+    there is one, gives the position of the next chunk, and reading goes on there. ``found`` is updated.
     """
     size = stream.seek(0, 2)
     summary = _index_of(stream, found)

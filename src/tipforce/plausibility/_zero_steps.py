@@ -199,13 +199,7 @@ def _jumps(seconds: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _explained(seconds: FloatArray, values: FloatArray, row: int, jump: FloatArray) -> tuple[float, int]:
-    """Compares the distributions of the readings before and after a jump, with and without it.
-
-    Args:
-        seconds: (n,) times of the readings, s.
-        values: (n, axes) readings, N.
-        row: the row after the jump.
-        jump: (axes,) the jump, N.
+    """Compares ``values`` (n, axes), N, before ``row`` with those after it, with and without the jump (axes,).
 
     Returns:
         The largest reduction of the distance of both distributions by the jump, N, and the number of spans with one.
