@@ -14,14 +14,7 @@ from ._camera import (
 )
 from ._knob import KnobFit, fit_knob
 from ._quantity import Quantity, combined
-from ._relative_pose import (
-    RelativePose,
-    StatedPose,
-    TipPairs,
-    moved_camera,
-    refine_relative_pose,
-    relative_covariance,
-)
+from ._relative_pose import RelativePose, StatedPose, TipPairs, moved_camera, refine_relative_pose, relative_covariance
 from ._rod_fit import RodFit, fit_rod, line_forces
 from ._session import CalibrationSession, read_session
 from ._tissue import TissueFit, fit_tissue

@@ -67,61 +67,71 @@ def calibrate_beads(points_m: FloatArray, pixels: FloatArray, where: str) -> Bea
         )
     start = _linear(points_m, pixels, where)
     signs = np.sign(start.focal_px)
-    base = start.camera_from_world.rotation
+    initial_rotation = start.camera_from_world.rotation
     focal = float(np.mean(np.abs(start.focal_px)))
 
-    def camera(values: FloatArray) -> CameraModel:
-        turn = Pose.from_axis_angle(values[3:6], np.zeros(3)).rotation
-        return CameraModel(signs * values[0], values[1:3], camera_from_world=Pose(turn @ base, values[6:9]))
+    # unknowns (9,): focal length and centre in px, turn from the linear solution in rad, translation in m
+    def camera(unknowns: FloatArray) -> CameraModel:
+        turn = Pose.from_axis_angle(unknowns[3:6], np.zeros(3)).rotation
+        return CameraModel(
+            signs * unknowns[0], unknowns[1:3], camera_from_world=Pose(turn @ initial_rotation, unknowns[6:9])
+        )
 
-    def residuals(values: FloatArray) -> FloatArray:
-        return (camera(values).project(points_m) - pixels).ravel()
+    def residuals(unknowns: FloatArray) -> FloatArray:
+        return (camera(unknowns).project(points_m) - pixels).ravel()
 
-    first = np.concatenate([[focal], start.centre_px, np.zeros(3), start.camera_from_world.translation_m])
-    sizes = np.concatenate([[focal], [focal] * 2, np.ones(3), [first[8]] * 3])
-    fit = least_squares(residuals, first, x_scale=np.abs(sizes), method="trf")
-    found = np.asarray(fit.x, np.float64)
-    left = residuals(found).reshape(-1, 2)
-    off = np.linalg.norm(left, axis=1)
-    worst = int(off.argmax())
-    if off[worst] > MAX_RESIDUAL_PX:
+    initial = np.concatenate([[focal], start.centre_px, np.zeros(3), start.camera_from_world.translation_m])
+    scales = np.concatenate([[focal], [focal] * 2, np.ones(3), [initial[8]] * 3])
+    fit = least_squares(residuals, initial, x_scale=np.abs(scales), method="trf")
+    fitted = np.asarray(fit.x, np.float64)
+    residual_uv = residuals(fitted).reshape(-1, 2)
+    distance_px = np.linalg.norm(residual_uv, axis=1)
+    worst = int(distance_px.argmax())
+    if distance_px[worst] > MAX_RESIDUAL_PX:
         raise InputError(
-            f"{where}: bead {worst + 1} is {off[worst]:.1f} px from the pixel that fits the other beads, "
+            f"{where}: bead {worst + 1} is {distance_px[worst]:.1f} px from the pixel that fits the other beads, "
             f"{MAX_RESIDUAL_PX:g} px are allowed: check its pixel and its position"
         )
     # two less than the degrees of freedom: the variance itself is uncertain with so few beads (Student)
-    variance = max(BEAD_STD_PX**2, float((left**2).sum()) / (left.size - len(found) - 2))
+    variance = max(BEAD_STD_PX**2, float((residual_uv**2).sum()) / (residual_uv.size - len(fitted) - 2))
     covariance = variance * np.linalg.pinv(fit.jac.T @ fit.jac)
+    # ``to_stds`` (6, 9) converts errors of the unknowns to those of `BeadView.stds`:
     # a longer focal length at a larger distance gives the same image: only the distance over the focal length counts
-    change = np.zeros((6, 9))
-    change[:3, 3:6], change[3:, 6:9] = np.eye(3), np.eye(3)
-    change[5, 0] = -found[8] / found[0]
+    to_stds = np.zeros((6, 9))
+    to_stds[:3, 3:6], to_stds[3:, 6:9] = np.eye(3), np.eye(3)
+    to_stds[5, 0] = -fitted[8] / fitted[0]
     # so do a shifted centre and a shifted phantom
-    change[3, 1], change[4, 2] = signs[0] * found[8] / found[0], found[8] / found[0]
-    stds = np.sqrt(np.diag(change @ covariance @ change.T))
-    return BeadView(camera(found), stds, math.sqrt(float(np.mean(off**2))), len(points_m))
+    to_stds[3, 1], to_stds[4, 2] = signs[0] * fitted[8] / fitted[0], fitted[8] / fitted[0]
+    stds = np.sqrt(np.diag(to_stds @ covariance @ to_stds.T))
+    return BeadView(camera(fitted), stds, math.sqrt(float(np.mean(distance_px**2))), len(points_m))
 
 
 def _linear(points_m: FloatArray, pixels: FloatArray, where: str) -> CameraModel:
-    """Returns the camera of the direct linear transformation."""
-    middles = points_m.mean(axis=0), pixels.mean(axis=0)
+    """Returns the camera of the direct linear transformation (Hartley and Zisserman, 7.1).
+
+    Positions and pixels are first centred and scaled to a mean distance of sqrt(dimensions), which conditions the
+    equations; the projection is then converted back.
+    """
+    centres = points_m.mean(axis=0), pixels.mean(axis=0)
     scales = [
-        math.sqrt(values.shape[1]) / float(np.linalg.norm(values - middle, axis=1).mean())
-        for values, middle in zip((points_m, pixels), middles, strict=True)
+        math.sqrt(values.shape[1]) / float(np.linalg.norm(values - centre, axis=1).mean())
+        for values, centre in zip((points_m, pixels), centres, strict=True)
     ]
     world, image = (
-        (values - middle) * scale for values, middle, scale in zip((points_m, pixels), middles, scales, strict=True)
+        (values - centre) * scale for values, centre, scale in zip((points_m, pixels), centres, scales, strict=True)
     )
     rows: list[FloatArray] = []
     for (x, y, z), (u, v) in zip(world, image, strict=True):
         point = np.array([x, y, z, 1.0])
         rows += [np.concatenate([point, np.zeros(4), -u * point]), np.concatenate([np.zeros(4), point, -v * point])]
-    matrix = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 4)
-    from_world = np.eye(4)
-    from_world[:3, :3] *= scales[0]
-    from_world[:3, 3] = -scales[0] * middles[0]
-    to_image = np.array([[1 / scales[1], 0.0, middles[1][0]], [0.0, 1 / scales[1], middles[1][1]], [0.0, 0.0, 1.0]])
-    projection = to_image @ matrix @ from_world
+    scaled_projection = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 4)
+    scaled_from_world = np.eye(4)
+    scaled_from_world[:3, :3] *= scales[0]
+    scaled_from_world[:3, 3] = -scales[0] * centres[0]
+    image_from_scaled = np.array(
+        [[1 / scales[1], 0.0, centres[1][0]], [0.0, 1 / scales[1], centres[1][1]], [0.0, 0.0, 1.0]]
+    )
+    projection = image_from_scaled @ scaled_projection @ scaled_from_world
     try:
         return CameraModel.from_projection(projection, max_skew=MAX_LINEAR_SKEW)
     except ValueError as error:

@@ -12,7 +12,7 @@ from ..types import FloatArray, IntArray, SessionInfo
 from ._knob import KnobFit, fit_knob
 from ._quantity import Quantity, combined
 from ._rest_shape import RestShape, fit_rest_shape, rest_quantity
-from ._rod_fit import RodFit, fit_rod, line_forces
+from ._rod_fit import MIN_DRIFT_PER_M, RodFit, fit_rod, line_forces
 from ._session import CalibrationSession
 from ._tissue import TissueFit, fit_tissue
 
@@ -31,7 +31,10 @@ MAX_READING_ERROR_RAD = math.radians(10.0)
 MAX_SPREAD_RATIO = 0.6
 """And with another angle the difference of readings and lines must decrease by this factor."""
 _TURNS_RAD = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
+_TARE_STD_N = 2e-3
+"""Least standard deviation of the remaining tare, and the assumed one where the tare's is not known."""
 _CLOCK_STD_S = {"estimated": 1e-3, "stated": 1e-3, "none": 1e-3, "stage": 5e-3, "refused": 1e-2}
+"""Standard deviation of the clock offset, by the method that found it."""
 ANGLE_MODEL_STD_RAD = math.radians(0.8)
 """Model error of the sensor's angle."""
 STIFFNESS_MODEL_SHARE = 0.02
@@ -140,6 +143,7 @@ def calibrate_sessions(
 
 
 def _spread(rows: IntArray, count: int) -> IntArray:
+    """Returns at most ``count`` of the ``rows``, evenly spaced."""
     return rows[np.unique(np.linspace(0, len(rows) - 1, count).astype(np.int64))] if len(rows) else rows
 
 
@@ -149,102 +153,123 @@ def _nominal(info: SessionInfo, knob_deg: FloatArray) -> FloatArray:
 
 
 def _of_session(session: CalibrationSession, settings: RodSettings, *, rest_shape: bool) -> SessionResult:
+    """Fits one session in five steps: sensor's turn, knob, rest shape, rod, tissue.
+
+    A step that fails leaves None and its reason, and the next steps use the stated values.
+
+    Args:
+        session: the session.
+        settings: priors and noise of the rod.
+        rest_shape: whether the curvature along the unloaded shaft is fitted too.
+    """
     reasons: dict[str, str] = {}
-    nothing = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2))
+    no_frames = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2))
     known = np.flatnonzero(np.isfinite(session.force_n).all(axis=1))
     if not len(known):
         reasons["rod"] = "no frame has a force"
-        return SessionResult(session, None, None, None, None, 0.0, nothing, reasons)
-    size = np.linalg.norm(session.force_n[known], axis=1)
+        return SessionResult(session, None, None, None, None, 0.0, no_frames, reasons)
+    force_size_n = np.linalg.norm(session.force_n[known], axis=1)
     knob = rod = tissue = rest = None
-    turn = _turn(session, known[size > MIN_CONTACT_N], settings)
-    wrong = turn if abs(turn) > MAX_READING_ERROR_RAD else 0.0
-    light = _spread(known[size < MAX_UNLOADED_N], _KNOB_FRAMES)
-    through = session.knob_deg
+    turn = _turn(session, known[force_size_n > MIN_CONTACT_N], settings)
+    wrong_rad = turn if abs(turn) > MAX_READING_ERROR_RAD else 0.0
+    unloaded = _spread(known[force_size_n < MAX_UNLOADED_N], _KNOB_FRAMES)
+    transmitted_deg = session.knob_deg
     try:
-        knob, through = _knob_of(session, light, settings, wrong)
+        knob, transmitted_deg = _knob_of(session, unloaded, settings, wrong_rad)
     except InputError as error:
         reasons["knob"] = str(error)
     curvature = _nominal(session.info, session.knob_deg)
     drift = None
     if knob is not None and math.isfinite(knob.gain_per_m_deg):
-        curvature = knob.curvature_at(through)
-        drift = max(knob.residual_per_m, 0.02)
+        curvature = knob.curvature_at(transmitted_deg)
+        drift = max(knob.residual_per_m, MIN_DRIFT_PER_M)
     if rest_shape:
         offset = 0.0 if drift is not None else session.info.actuation.knob_offset_per_m or 0.0
-        lines = [session.lines[row] for row in light.tolist()]
+        lines = [session.lines[row] for row in unloaded.tolist()]
         try:
-            rest = fit_rest_shape(session.info, lines, curvature[light] + offset, session.scale_m_per_px)
+            rest = fit_rest_shape(session.info, lines, curvature[unloaded] + offset, session.scale_m_per_px)
         except InputError as error:
             reasons["rest shape"] = str(error)
     rows = _spread(known, _ROD_FRAMES)
     try:
-        rod = _fit(session, rows, curvature, settings, wrong, drift_per_m=drift)
+        rod = _fit(session, rows, curvature, settings, wrong_rad, drift_per_m=drift)
     except InputError as error:
         reasons["rod"] = str(error)
-    if wrong:
+    if wrong_rad:
         reasons["tissue"] = "not fitted while the sensor's angle is wrong; calibrate again with the new one"
-    elif bool((size > MIN_CONTACT_N).any()):
+    elif bool((force_size_n > MIN_CONTACT_N).any()):
         try:
             tissue = fit_tissue(session)
         except InputError as error:
             reasons["tissue"] = str(error)
-    shown = nothing
+    shown = no_frames
     if rod is not None:
         rows = _spread(known, _SHOWN_FRAMES)
         rod_forces = line_forces(
             session.info, [session.lines[k] for k in rows.tolist()], session.scale_m_per_px, curvature[rows], rod,
             settings,
         )  # fmt: skip
-        c, s = math.cos(rod.turn_rad), math.sin(rod.turn_rad)
+        c, s = math.cos(rod.turn_rad), math.sin(rod.turn_rad)  # turns the readings to the corrected angle
         shown = session.seconds[rows], session.force_n[rows] @ np.array([[c, s], [-s, c]]), rod_forces
-    return SessionResult(session, knob, rod, tissue, rest, wrong, shown, reasons)
+    return SessionResult(session, knob, rod, tissue, rest, wrong_rad, shown, reasons)
 
 
 def _fit(
     session: CalibrationSession, rows: IntArray, curvature: FloatArray, settings: RodSettings, wrong_rad: float, *,
     drift_per_m: float | None = None, turn_std_rad: float | None = None,
 ) -> RodFit:  # fmt: skip
+    """Fits the rod to the frames ``rows`` of a session.
+
+    Args:
+        session: the session.
+        rows: the frames that are used.
+        curvature: (all frames,) pre-curvature that the knob sets, 1/m.
+        settings: priors and noise of the rod.
+        wrong_rad: turn of the sensor at which the fit starts; where it is not 0, its prior is wide.
+        drift_per_m: standard deviation of a frame's pre-curvature about the session's; see `fit_rod`.
+        turn_std_rad: standard deviation of the sensor's angle; None: that of a reading, or wide.
+    """
     part = session.subset(rows)
     stderr = part.tare.stderr_n
     offset = part.clock_map
     late = math.hypot(_CLOCK_STD_S[offset.how], 1e-3 * offset.stderr_ms if offset.how == "estimated" else 0.0)
     return fit_rod(
-        part.info,
-        part.lines,
-        part.scale_m_per_px,
-        part.force_n,
-        curvature[rows],
-        past_n=part.past_n,
-        rate_n_per_s=part.rate_n_per_s,
-        turn_rad=wrong_rad,
+        part.info, part.lines, part.scale_m_per_px, part.force_n, curvature[rows], past_n=part.past_n,
+        rate_n_per_s=part.rate_n_per_s, turn_rad=wrong_rad,
         turn_std_rad=turn_std_rad or (ANY_ANGLE_STD_RAD if wrong_rad else READING_STD_RAD),
-        tare_std_n=math.hypot(2e-3, float(np.nanmax(stderr)) if np.isfinite(stderr).any() else 2e-3),
-        late_std_s=late,
-        drift_per_m=drift_per_m,
-        settings=settings,
-    )
+        tare_std_n=math.hypot(_TARE_STD_N, float(np.nanmax(stderr)) if np.isfinite(stderr).any() else _TARE_STD_N),
+        late_std_s=late, drift_per_m=drift_per_m, settings=settings,
+    )  # fmt: skip
 
 
 def _turn(session: CalibrationSession, touching: IntArray, settings: RodSettings) -> float:
-    """Returns the angle in rad by which the sensor seems to be turned; 0 if the frames do not show one."""
+    """Returns the angle in rad by which the sensor seems to be turned; 0 if the frames do not show one.
+
+    The rod is fitted from four starts 90 deg apart. A fit replaces the stated angle only where the difference of
+    readings and lines is below `MAX_SPREAD_RATIO` of that at the stated angle, and its own angle is determined.
+
+    Args:
+        session: the session.
+        touching: rows of the frames in contact.
+        settings: priors and noise of the rod.
+    """
     rows = _spread(touching, _TRIAL_FRAMES)
     if len(rows) < _TRIAL_FRAMES:
         return 0.0
     curvature = _nominal(session.info, session.knob_deg)
-    best, least = 0.0, math.inf
+    best_rad, least_std_n = 0.0, math.inf
     try:
-        least = MAX_SPREAD_RATIO * _fit(session, rows, curvature, settings, 0.0).force_std_n
+        least_std_n = MAX_SPREAD_RATIO * _fit(session, rows, curvature, settings, 0.0).force_std_n
     except InputError:
-        least = math.inf  # there is no fit at the stated angle, so any other one is better
+        least_std_n = math.inf  # there is no fit at the stated angle, so any other one is better
     for turn in _TURNS_RAD:
         try:
-            found = _fit(session, rows, curvature, settings, turn, turn_std_rad=ANY_ANGLE_STD_RAD)
+            fit = _fit(session, rows, curvature, settings, turn, turn_std_rad=ANY_ANGLE_STD_RAD)
         except InputError:
             continue
-        if found.force_std_n < least and found.turn_std_rad < MAX_READING_ERROR_RAD:
-            best, least = found.turn_rad, found.force_std_n
-    return math.remainder(best, 2.0 * math.pi)
+        if fit.force_std_n < least_std_n and fit.turn_std_rad < MAX_READING_ERROR_RAD:
+            best_rad, least_std_n = fit.turn_rad, fit.force_std_n
+    return math.remainder(best_rad, 2.0 * math.pi)
 
 
 def _knob_of(
@@ -253,15 +278,9 @@ def _knob_of(
     """Returns the knob's map, and the knob angle behind its play at all frames."""
     if not len(rows):
         raise InputError("no frame has little force, so the shape without load is not known")
-    fit = _fit(
-        session,
-        rows,
-        _nominal(session.info, session.knob_deg),
-        settings,
-        wrong_rad,
-        drift_per_m=FREE_CURVATURE_STD_PER_M,
-    )
-    kept = rows[fit.kept]
+    nominal = _nominal(session.info, session.knob_deg)
+    fit = _fit(session, rows, nominal, settings, wrong_rad, drift_per_m=FREE_CURVATURE_STD_PER_M)
+    kept = rows[fit.kept]  # without the outliers of the fit
     knob = fit_knob(
         session.knob_series, session.stamp_ns[kept], fit.precurvature_per_m, fit.precurvature_std,
         common_std_per_m=fit.std("precurvature_per_m"),
@@ -270,12 +289,13 @@ def _knob_of(
 
 
 def _clock(results: Sequence[SessionResult]) -> list[Quantity]:
-    found = [each.session for each in results if each.session.clock_map.how in ("estimated", "stage", "refused")]
-    made: list[Quantity] = []
-    for session in found:
+    """Returns the clock offset of each session in which it was searched for; NaN where the search was refused."""
+    searched = [each.session for each in results if each.session.clock_map.how in ("estimated", "stage", "refused")]
+    quantities: list[Quantity] = []
+    for session in searched:
         offset = session.clock_map
         is_estimated = offset.how == "estimated"
-        made.append(
+        quantities.append(
             Quantity(
                 f"clock offset, {session.name}" if len(results) > 1 else "clock offset",
                 math.nan if offset.how == "refused" else offset.offset_ms,
@@ -287,10 +307,15 @@ def _clock(results: Sequence[SessionResult]) -> list[Quantity]:
                 else offset.detail or "from the stage's movement, accurate to some milliseconds",
             )
         )
-    return made
+    return quantities
 
 
 def _sensor(results: Sequence[SessionResult]) -> list[Quantity]:
+    """Returns the sensor's angle in degrees: the stated one plus the mean turn of the sessions with contact.
+
+    It is written if it is more accurate than a person's reading, if no angle is stated, or if the stated one does not
+    fit. A turn by 180 deg cannot be distinguished from a sensor that reads the opposite force.
+    """
     rods = [(each, each.rod) for each in results if each.rod is not None and _touches(each)]
     if not rods:
         return []
@@ -328,6 +353,7 @@ def _touches(result: SessionResult) -> bool:
 
 
 def _tare(results: Sequence[SessionResult]) -> list[Quantity]:
+    """Returns the tare of the session in which it is least accurate, as its magnitude in mN."""
     worst = [
         (float(np.nanmax(each.session.tare.stderr_n)), each.session)
         for each in results
@@ -342,6 +368,7 @@ def _tare(results: Sequence[SessionResult]) -> list[Quantity]:
 
 
 def _mass(results: Sequence[SessionResult]) -> list[Quantity]:
+    """Returns the mass that the sensor carries in kg, combined over the stage's axes of all sessions."""
     masses: list[float] = []
     stds: list[float] = []
     frames = 0
@@ -388,42 +415,51 @@ def _knob(results: Sequence[SessionResult]) -> list[Quantity]:
         return [Quantity(f"pre-curvature at {low:g} deg", value, std, "1/m", frames, before=expected, doubt=doubt)]
     gain, gain_std = combined([k.gain_per_m_deg for k in maps], [k.gain_std for k in maps])
     offset, offset_std = combined([k.offset_per_m for k in maps], [k.offset_std for k in maps])
-    good = gain_std < 0.1 * abs(gain)
-    note = "" if good else f"from {low:.0f} to {high:.0f} deg only"
-    made = [
+    is_accurate = gain_std < 0.1 * abs(gain)
+    note = "" if is_accurate else f"from {low:.0f} to {high:.0f} deg only"
+    quantities = [
         Quantity(
             "knob gain", gain, gain_std, "1/m/deg", frames, "actuation.knob_gain_per_m_deg",
-            info.actuation.knob_gain_per_m_deg, good, note,
+            info.actuation.knob_gain_per_m_deg, is_accurate, note,
         ),
         Quantity(
             "knob offset", offset, offset_std, "1/m", frames, "actuation.knob_offset_per_m",
-            info.actuation.knob_offset_per_m, good, note,
+            info.actuation.knob_offset_per_m, is_accurate, note,
         ),
     ]  # fmt: skip
     plays = [k for k in maps if math.isfinite(k.play_deg)]
     if plays:
         play, play_std = combined([k.play_deg for k in plays], [max(k.play_std, 0.05) for k in plays])
-        fine = play_std < 1.0
-        doubt = "" if fine else "the knob was turned back too little"
-        made.append(
+        is_determined = play_std < 1.0
+        doubt = "" if is_determined else "the knob was turned back too little"
+        quantities.append(
             Quantity("knob hysteresis", play, play_std, "deg", frames, "actuation.knob_play_deg",
-                     info.actuation.knob_play_deg, fine, doubt)
+                     info.actuation.knob_play_deg, is_determined, doubt)
         )  # fmt: skip
     else:
-        made.append(
+        quantities.append(
             Quantity("knob hysteresis", math.nan, math.nan, "deg", frames, doubt="the knob was never turned back")
         )
-    return made
+    return quantities
 
 
 def _stiffness(results: Sequence[SessionResult], stated_within: float) -> list[Quantity]:
+    """Combines the stiffness of the sessions with contact.
+
+    Args:
+        results: results of the sessions.
+        stated_within: relative standard deviation of the stated stiffness.
+
+    Returns:
+        Bending stiffness, its increase next to the base in %, and its growth with curvature. Nothing without contact.
+    """
     rods = [each.rod for each in results if each.rod is not None and _touches(each)]
     info = results[0].session.info
     stated = info.catheter.bending_stiffness_nm2
     if not rods or stated is None:
         return []
     frames = sum(rod.frames for rod in rods)
-    share, std = combined([r.value("stiffness") for r in rods], [r.std("stiffness") for r in rods], stated_within)
+    change, std = combined([r.value("stiffness") for r in rods], [r.std("stiffness") for r in rods], stated_within)
     std = math.hypot(std, STIFFNESS_MODEL_SHARE)
     written = std < MAX_STD_SHARE * stated_within
     doubt = "" if written else "the frames determine it too little; the stated value stays"
@@ -436,59 +472,63 @@ def _stiffness(results: Sequence[SessionResult], stated_within: float) -> list[Q
             doubt + "; " if doubt else ""
         ) + f"lines differ from the rod, misfit {misfit:.1f}: check length and scale"
         written = False
-    made = [
+    quantities = [
         Quantity(
-            "bending stiffness", stated * (1.0 + share), stated * std, "N m^2", frames,
+            "bending stiffness", stated * (1.0 + change), stated * std, "N m^2", frames,
             "catheter.bending_stiffness_nm2", stated, written, doubt,
         )
     ]  # fmt: skip
     prior = rods[0].prior("proximal_stiffness")
-    more, more_std = combined(
+    proximal, proximal_std = combined(
         [r.value("proximal_stiffness") for r in rods], [r.std("proximal_stiffness") for r in rods], prior
     )
-    more_std = math.hypot(more_std, 0.01)
-    shown = more_std < MAX_STD_SHARE * prior and abs(more) > 2.0 * more_std and not info.catheter.stiffness_profile
+    proximal_std = math.hypot(proximal_std, 0.01)
+    is_accurate = proximal_std < MAX_STD_SHARE * prior and abs(proximal) > 2.0 * proximal_std
+    is_shown = is_accurate and not info.catheter.stiffness_profile
     edge = round(PROXIMAL_SHARE, 3)
-    profile = [[0.0, round(1.0 + more, 4)], [edge, round(1.0 + more, 4)], [round(edge + 0.001, 4), 1.0], [1.0, 1.0]]
-    made.append(
+    factor = round(1.0 + proximal, 4)
+    profile = [[0.0, factor], [edge, factor], [round(edge + 0.001, 4), 1.0], [1.0, 1.0]]
+    quantities.append(
         Quantity(
-            "stiffer next to the base", 100.0 * more, 100.0 * more_std, "%", frames,
-            "catheter.stiffness_profile" if shown else "", None, shown,
-            "" if shown else "not distinguishable from an even shaft" if not info.catheter.stiffness_profile
+            "stiffer next to the base", 100.0 * proximal, 100.0 * proximal_std, "%", frames,
+            "catheter.stiffness_profile" if is_shown else "", None, is_shown,
+            "" if is_shown else "not distinguishable from an even shaft" if not info.catheter.stiffness_profile
             else "in addition to the stated profile", stated=profile,
         )
     )  # fmt: skip
-    soft, soft_std = combined(
-        [r.value("stiffening_m2") for r in rods], [r.std("stiffening_m2") for r in rods],
-    )  # fmt: skip
-    left = soft_std / rods[0].prior("stiffening_m2")
-    doubt = "" if left < MAX_STD_SHARE else "the shaft bends too little to determine it"
-    made.append(Quantity("stiffening with curvature", 1e4 * soft, 1e4 * soft_std, "1e-4 m^2", frames, doubt=doubt))
-    return made
+    growth, growth_std = combined([r.value("stiffening_m2") for r in rods], [r.std("stiffening_m2") for r in rods])
+    share_left = growth_std / rods[0].prior("stiffening_m2")
+    doubt = "" if share_left < MAX_STD_SHARE else "the shaft bends too little to determine it"
+    quantities.append(
+        Quantity("stiffening with curvature", 1e4 * growth, 1e4 * growth_std, "1e-4 m^2", frames, doubt=doubt)
+    )
+    return quantities
 
 
 def _tissue(results: Sequence[SessionResult]) -> list[Quantity]:
-    found = [each.tissue for each in results if each.tissue is not None]
-    if not found:
+    """Returns the tissue's stiffness and the exponent of its law, combined over the sessions that determine them."""
+    fits = [each.tissue for each in results if each.tissue is not None]
+    if not fits:
         return []
-    value, std = combined([each.stiffness_n_per_m for each in found], [each.stiffness_std for each in found])
-    exponent, exponent_std = combined([each.exponent for each in found], [each.exponent_std for each in found])
-    frames = sum(each.frames for each in found)
-    slide = max(each.slide for each in found)
+    value, std = combined([each.stiffness_n_per_m for each in fits], [each.stiffness_std for each in fits])
+    exponent, exponent_std = combined([each.exponent for each in fits], [each.exponent_std for each in fits])
+    frames = sum(each.frames for each in fits)
+    slide = max(each.slide for each in fits)
     doubt = ""
     if std > 0.15 * value:
         doubt = f"the tip slides {slide:.1f} times as far as it is pressed in"
-    made = [
+    quantities = [
         Quantity("tissue stiffness", value, std, "N/m", frames, "tissue.stiffness_n_per_m",
                  results[0].session.info.tissue.stiffness_n_per_m, std < 0.25 * value, doubt)
     ]  # fmt: skip
     is_determined = exponent_std < 0.15
     doubt = "" if is_determined else "not determined"
-    made.append(Quantity("tissue law's exponent", exponent, exponent_std, "", frames, doubt=doubt))
-    return made
+    quantities.append(Quantity("tissue law's exponent", exponent, exponent_std, "", frames, doubt=doubt))
+    return quantities
 
 
 def _remarks(results: Sequence[SessionResult], quantities: Sequence[Quantity]) -> tuple[str, ...]:
+    """Returns the sentences below the table: unknown quantities, failed steps, lost frames, and the rod's error."""
     remarks: list[str] = []
     names = {each.name for each in quantities}
     info = results[0].session.info

@@ -7,7 +7,7 @@ image: `BoardResult` states the error by lens and tilt.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -106,12 +106,7 @@ class BoardResult:
 
     def figures(self) -> dict[str, Any]:
         """Returns the values as JSON values."""
-        return {
-            "metres_per_px": self.metres_per_px, "scale_std": self.scale_std, "tilt_deg": self.tilt_deg,
-            "worst_px": self.worst_px, "scale_range": self.scale_range, "focal_px": self.focal_px,
-            "distortion": None if self.distortion is None else self.distortion.tolist(), "lens_px": self.lens_px,
-            "residual_px": self.residual_px, "corners": self.corners, "images": self.images,
-        }  # fmt: skip
+        return asdict(self) | {"distortion": None if self.distortion is None else self.distortion.tolist()}
 
 
 def calibrate_board(images: Sequence[Image], settings: BoardSettings) -> BoardResult:
@@ -130,7 +125,7 @@ def calibrate_board(images: Sequence[Image], settings: BoardSettings) -> BoardRe
             board.
     """
     detector, board = _detector(settings)
-    found: list[tuple[FloatArray, FloatArray]] = []
+    corner_pairs: list[tuple[FloatArray, FloatArray]] = []
     for k, image in enumerate(images):
         grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         corners, ids, _, markers = detector.detectBoard(grey)
@@ -144,15 +139,16 @@ def calibrate_board(images: Sequence[Image], settings: BoardSettings) -> BoardRe
                 )
             continue
         object_points, image_points = board.matchImagePoints(corners, ids)
-        found.append((object_points.reshape(-1, 3), image_points.reshape(-1, 2)))
+        corner_pairs.append((object_points.reshape(-1, 3), image_points.reshape(-1, 2)))
     height, width = images[0].shape[:2]
-    flat, pixels = found[0][0][:, :2].astype(np.float64), found[0][1].astype(np.float64)
-    scale, worst, residual, spread = _plain_scale(flat, pixels)
+    board_m, pixels = corner_pairs[0][0][:, :2].astype(np.float64), corner_pairs[0][1].astype(np.float64)
+    scale, worst, residual, scale_range = _plain_scale(board_m, pixels)
     tilt, focal, lens_px, distortion = math.nan, math.nan, math.nan, None
-    if len(found) >= MIN_LENS_IMAGES:
+    if len(corner_pairs) >= MIN_LENS_IMAGES:
         # k2 and k3 need boards in every corner of the image; k1, p1 and p2 describe a typical lens
         rms, matrix, coefficients, turns, _, _, _, _ = cv2.calibrateCameraExtended(
-            [points.astype(np.float32) for points, _ in found], [corners.astype(np.float32) for _, corners in found],
+            [points.astype(np.float32) for points, _ in corner_pairs],
+            [corners.astype(np.float32) for _, corners in corner_pairs],
             (width, height), np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3,
         )  # fmt: skip
         normal = cv2.Rodrigues(turns[0])[0][:, 2]
@@ -162,7 +158,7 @@ def calibrate_board(images: Sequence[Image], settings: BoardSettings) -> BoardRe
         lens_px = _lens_px(matrix, distortion, (width, height))
     std = scale * math.hypot(PRINT_STD_SHARE, residual / max(float(np.ptp(pixels, axis=0).max()), 1.0))
     return BoardResult(
-        scale, std, tilt, worst, spread, focal, distortion, lens_px, residual, len(pixels), len(found)
+        scale, std, tilt, worst, scale_range, focal, distortion, lens_px, residual, len(pixels), len(corner_pairs)
     )  # fmt: skip
 
 
@@ -190,6 +186,7 @@ def board_corners(image: Image, settings: BoardSettings) -> dict[int, tuple[Floa
 
 
 def _detector(settings: BoardSettings) -> tuple[Any, Any]:
+    """Returns OpenCV's detector and its board; raises InputError for values that are not possible."""
     marker = settings.marker_m if settings.marker_m is not None else 0.75 * settings.square_m
     across, down = settings.squares
     if not (across >= 3 and down >= 3 and 0.0 < marker < settings.square_m):
@@ -210,7 +207,7 @@ def _detector(settings: BoardSettings) -> tuple[Any, Any]:
 
 
 def _plain_scale(flat: FloatArray, pixels: FloatArray) -> tuple[float, float, float, float]:
-    """Fits a similarity from a plane to the image.
+    """Fits a similarity (turn, scale, shift) from a plane to the image, with points as complex numbers.
 
     Args:
         flat: (n, 2) points of the plane in m.
@@ -221,25 +218,28 @@ def _plain_scale(flat: FloatArray, pixels: FloatArray) -> tuple[float, float, fl
         which come from a polynomial of the third degree.
     """
     middle, size = flat.mean(axis=0), float(np.ptp(flat, axis=0).max())
-    a = (flat - middle) @ np.array([1.0, 1.0j])
-    b = (pixels - pixels.mean(axis=0)) @ np.array([1.0, 1.0j])
+    plane = (flat - middle) @ np.array([1.0, 1.0j])
+    image = (pixels - pixels.mean(axis=0)) @ np.array([1.0, 1.0j])
     # a board that is viewed from above is mirrored in pixels, whose v points down
-    factors = [(complex(np.vdot(each, b)) / float(np.vdot(each, each).real), each) for each in (a, a.conj())]
-    factor, turned = factors[0] if abs(factors[0][0]) > abs(factors[1][0]) else factors[1]
-    residual = np.abs(b - factor * turned)
+    factors = [
+        (complex(np.vdot(each, image)) / float(np.vdot(each, each).real), each) for each in (plane, plane.conj())
+    ]
+    factor, matched = factors[0] if abs(factors[0][0]) > abs(factors[1][0]) else factors[1]
+    residual = np.abs(image - factor * matched)
+    # polynomial from the plane to the image; the root of its Jacobian's determinant is the local scale in px/m
     x, y = ((flat - middle) / size).T
     powers = [(i, j) for i in range(4) for j in range(4 - i)]
     columns = np.stack([x**i * y**j for i, j in powers], axis=1)
     if len(flat) < 2 * len(powers):
         return 1.0 / float(abs(factor)), float(residual.max()), float(np.sqrt(np.mean(residual**2))), math.nan
-    solved = np.linalg.lstsq(columns, pixels, rcond=None)[0]
-    left = pixels - columns @ solved
-    noise = float(np.sqrt(np.sum(left**2) / max(2 * len(flat) - 2 * len(powers), 1)))
-    dx = np.stack([i * x ** max(i - 1, 0) * y**j for i, j in powers], axis=1) @ solved / size
-    dy = np.stack([j * x**i * y ** max(j - 1, 0) for i, j in powers], axis=1) @ solved / size
-    local = np.sqrt(np.abs(dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]))
-    low, high = np.percentile(local, [2.0, 98.0])
-    return 1.0 / float(abs(factor)), float(residual.max()), noise, float((high - low) / np.median(local))
+    coefficients = np.linalg.lstsq(columns, pixels, rcond=None)[0]
+    polynomial_residual = pixels - columns @ coefficients
+    noise = float(np.sqrt(np.sum(polynomial_residual**2) / max(2 * len(flat) - 2 * len(powers), 1)))
+    dx = np.stack([i * x ** max(i - 1, 0) * y**j for i, j in powers], axis=1) @ coefficients / size
+    dy = np.stack([j * x**i * y ** max(j - 1, 0) for i, j in powers], axis=1) @ coefficients / size
+    local_scale = np.sqrt(np.abs(dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]))
+    low, high = np.percentile(local_scale, [2.0, 98.0])
+    return 1.0 / float(abs(factor)), float(residual.max()), noise, float((high - low) / np.median(local_scale))
 
 
 def _lens_px(matrix: Any, distortion: FloatArray, size: tuple[int, int]) -> float:
@@ -297,8 +297,8 @@ def scale_from_shaft(path: Path, view: str, info: SessionInfo) -> Quantity:
         images = spread_images(reader, view)
     # a stated size would draw the detected diameter to it
     scale_free = replace(info.view(view), metres_per_px=None, metres_per_px_uncertainty=None)
-    blind = replace(info, catheter=Catheter(), views={**info.views, view: scale_free})
-    detector = SessionDetector(VisionSettings(view=view), blind, images)
+    sizeless_info = replace(info, catheter=Catheter(), views={**info.views, view: scale_free})
+    detector = SessionDetector(VisionSettings(view=view), sizeless_info, images)
     widths = np.array([detector.detect(image).diameter_px for image in images])
     widths = widths[np.isfinite(widths)]
     if len(widths) < MIN_DIAMETERS:
@@ -308,8 +308,9 @@ def scale_from_shaft(path: Path, view: str, info: SessionInfo) -> Quantity:
         )
     scale = diameter / float(np.median(widths))
     scatter = 1.4826 * float(np.median(np.abs(widths - np.median(widths)))) / float(np.median(widths))
-    lasting = XRAY_SHAFT_STD_SHARE if info.view(view).modality == "xray" else CAMERA_SHAFT_STD_SHARE
-    std = scale * math.hypot(lasting, scatter / math.sqrt(len(widths)))
+    # the error that all images share, and the scatter of the median (1.4826 makes a median deviation a standard one)
+    shared_share = XRAY_SHAFT_STD_SHARE if info.view(view).modality == "xray" else CAMERA_SHAFT_STD_SHARE
+    std = scale * math.hypot(shared_share, scatter / math.sqrt(len(widths)))
     return Quantity(
         f"scale of {view}, by the shaft", scale, std, "m/px", len(widths), f"views.{view}.metres_per_px",
         before=info.view(view).metres_per_px, written=True,

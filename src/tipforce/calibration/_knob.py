@@ -21,8 +21,8 @@ MIN_RANGE_DEG = 3.0
 MAX_PLAY_DEG, PLAY_STEP_DEG = 8.0, 0.1
 START_SHARES = np.linspace(-0.5, 0.5, 9)
 """Initial positions of the knob in the gap, as a share of it."""
-_BLOCK_S = 2.0
-_REPLICATES = 60
+_BLOCK_S, _REPLICATES = 2.0, 60
+"""Duration of a block of the bootstrap, over which the drift is correlated; number of its replicates."""
 MIN_WAY_BACK_DEG = 2.0
 """Least way back of the knob that shows the gap, if there is one."""
 
@@ -118,65 +118,76 @@ def fit_knob(
     if len(stamp_ns) < MIN_FRAMES:
         raise InputError(f"{len(stamp_ns)} frames without much force, {MIN_FRAMES} are needed for the knob")
     stamps, angle = stamps[known], angle[known]
-    at = np.clip(np.searchsorted(stamps, stamp_ns), 0, len(stamps) - 1)
+    reading = np.clip(np.searchsorted(stamps, stamp_ns), 0, len(stamps) - 1)
     weight = 1.0 / (curvature_std**2 + float(np.median(curvature_std)) ** 2)
     block = np.floor((stamp_ns - stamp_ns[0]) * 1e-9 / _BLOCK_S).astype(np.int64)
-    numbers, block = np.unique(block, return_inverse=True)
-    frame_deg = angle[at]
+    block_numbers, block = np.unique(block, return_inverse=True)
+    blocks = len(block_numbers)
+    frame_deg = angle[reading]
     low, high = float(frame_deg.min()), float(frame_deg.max())
     nan = math.nan
     mean = float(np.average(curvature_per_m, weights=weight))
-    blocks = np.array(
-        [np.average(curvature_per_m[block == k], weights=weight[block == k]) for k in range(len(numbers))]
-    )
-    spread = (
-        float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks)) if len(blocks) > 2 else float(np.median(curvature_std))
-    )
-    if high - low < MIN_RANGE_DEG or len(numbers) < 4:
+    block_means = np.array([np.average(curvature_per_m[block == k], weights=weight[block == k]) for k in range(blocks)])
+    mean_std = float(np.std(block_means, ddof=1)) / math.sqrt(blocks) if blocks > 2 else float(np.median(curvature_std))
+    if high - low < MIN_RANGE_DEG or blocks < 4:
         return KnobFit(
-            nan, nan, nan, nan, nan, nan, mean, math.hypot(spread, common_std_per_m), 0.0, low, high,
+            nan, nan, nan, nan, nan, nan, mean, math.hypot(mean_std, common_std_per_m), 0.0, low, high,
             float(np.std(curvature_per_m - mean)), len(frame_deg), frame_deg, curvature_per_m, np.zeros(len(frame_deg)),
             frame_deg,
         )  # fmt: skip
-    turns = _turns(angle)
-    travel = np.abs(np.diff(angle[turns]))
+    # a knob that was never turned back shows no gap: only the width 0 is tried
+    turn_rows = _turns(angle)
+    travel = np.abs(np.diff(angle[turn_rows]))
     widths = (
         np.arange(0.0, min(MAX_PLAY_DEG, high - low), PLAY_STEP_DEG)
         if (travel > MIN_WAY_BACK_DEG).sum() > 1
         else np.zeros(1)
     )
     cases = [(width, start * width) for width in widths.tolist() for start in (START_SHARES if width else (0.0,))]
-    through = np.array([Play(width, output=float(angle[0]) + start).run(angle)[at] for width, start in cases])
-    sums = _sums(through, curvature_per_m, weight, block, len(numbers))
-    best, solved = _best(sums.sum(axis=0))
-    draws = np.random.default_rng(0).multinomial(len(numbers), np.full(len(numbers), 1.0 / len(numbers)), _REPLICATES)
-    found = [_best(np.einsum("b,bcs->cs", draw.astype(np.float64), sums)) for draw in draws]
-    scatter = np.array([[*line, cases[k][0]] for k, line in found])
-    play, play_std = (cases[best][0], float(scatter[:, 2].std())) if len(widths) > 1 else (nan, nan)
-    gain, offset = float(solved[1]), float(solved[0])
-    going = np.sign(np.diff(angle, prepend=angle[0]))
-    last = np.maximum.accumulate(np.where(going != 0, np.arange(len(going)), 0))
-    left = curvature_per_m - offset - gain * through[best]
+    through = np.array([Play(width, output=float(angle[0]) + start).run(angle)[reading] for width, start in cases])
+    sums = _sums(through, curvature_per_m, weight, block, blocks)
+    best_case, best_line = _best(sums.sum(axis=0))
+    # bootstrap: each replicate fits blocks of time that are drawn with replacement
+    block_counts = np.random.default_rng(0).multinomial(blocks, np.full(blocks, 1.0 / blocks), _REPLICATES)
+    replicates = [_best(np.einsum("b,bcs->cs", counts.astype(np.float64), sums)) for counts in block_counts]
+    scatter = np.array([[*fitted_line, cases[k][0]] for k, fitted_line in replicates])
+    play, play_std = (cases[best_case][0], float(scatter[:, 2].std())) if len(widths) > 1 else (nan, nan)
+    gain, offset = float(best_line[1]), float(best_line[0])
+    # direction of the knob's last motion at each reading, also while it rests
+    direction = np.sign(np.diff(angle, prepend=angle[0]))
+    last_moving = np.maximum.accumulate(np.where(direction != 0, np.arange(len(direction)), 0))
+    residual = curvature_per_m - offset - gain * through[best_case]
     return KnobFit(
         gain, float(scatter[:, 1].std()), offset, math.hypot(float(scatter[:, 0].std()), common_std_per_m), play,
-        math.hypot(play_std, PLAY_STEP_DEG / math.sqrt(12.0)), mean, spread, cases[best][1], low, high,
-        float(np.sqrt(np.average(left**2, weights=weight))), len(frame_deg), frame_deg, curvature_per_m,
-        going[last][at], through[best],
+        math.hypot(play_std, PLAY_STEP_DEG / math.sqrt(12.0)), mean, mean_std, cases[best_case][1], low, high,
+        float(np.sqrt(np.average(residual**2, weights=weight))), len(frame_deg), frame_deg, curvature_per_m,
+        direction[last_moving][reading], through[best_case],
     )  # fmt: skip
 
 
 def _turns(angle: FloatArray) -> IntArray:
     """Returns the positions at which the knob's direction changes, and both ends."""
-    going = np.sign(np.diff(angle))
-    moving = np.flatnonzero(going)
-    if not len(moving):
+    direction = np.sign(np.diff(angle))
+    moving_rows = np.flatnonzero(direction)
+    if not len(moving_rows):
         return np.array([0, len(angle) - 1])
-    changes = moving[1:][going[moving[1:]] != going[moving[:-1]]]
+    changes = moving_rows[1:][direction[moving_rows[1:]] != direction[moving_rows[:-1]]]
     return np.concatenate([[0], changes, [len(angle) - 1]])
 
 
 def _sums(through: FloatArray, values: FloatArray, weight: FloatArray, block: IntArray, count: int) -> FloatArray:
-    """Returns the (blocks, cases, 6) sums of the weighted regression of ``values`` on 1 and each row of ``through``."""
+    """Returns the sums from which `_best` solves the regressions; a bootstrap adds those of the blocks it drew.
+
+    Args:
+        through: (cases, n) angles behind the play, x.
+        values: (n,) curvatures, y.
+        weight: (n,) weights of the frames.
+        block: (n,) number of each frame's block of time.
+        count: number of blocks.
+
+    Returns:
+        (blocks, cases, 6) weighted sums of 1, x, x^2, y, x y and y^2.
+    """
     rows = np.stack(
         [np.ones_like(through), through, through**2, np.broadcast_to(values, through.shape), through * values,
          np.broadcast_to(values**2, through.shape)], axis=-1,
@@ -186,11 +197,18 @@ def _sums(through: FloatArray, values: FloatArray, weight: FloatArray, block: In
 
 
 def _best(sums: FloatArray) -> tuple[int, FloatArray]:
-    """Returns the case (of (cases, 6) sums) with the smallest residual, and its offset and slope (2,)."""
-    one, x, xx, y, xy, yy = sums.T
-    determinant = np.maximum(one * xx - x * x, 1e-12)
-    slope = (one * xy - x * y) / determinant
-    level = (y - slope * x) / np.maximum(one, 1e-12)
-    left = yy - level * y - slope * xy
-    best = int(np.argmin(left))
-    return best, np.array([level[best], slope[best]])
+    """Solves the regression of each case and selects the one with the smallest residual.
+
+    Args:
+        sums: (cases, 6) weighted sums of 1, x, x^2, y, x y and y^2; x is the angle behind the play, y the curvature.
+
+    Returns:
+        The index of the case, and its (2,) offset (1/m) and slope (1/m/deg).
+    """
+    count, sum_x, sum_xx, sum_y, sum_xy, sum_yy = sums.T
+    determinant = np.maximum(count * sum_xx - sum_x * sum_x, 1e-12)
+    slope = (count * sum_xy - sum_x * sum_y) / determinant
+    offset = (sum_y - slope * sum_x) / np.maximum(count, 1e-12)
+    residual_squares = sum_yy - offset * sum_y - slope * sum_xy
+    best = int(np.argmin(residual_squares))
+    return best, np.array([offset[best], slope[best]])

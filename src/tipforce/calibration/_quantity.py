@@ -62,13 +62,14 @@ def combined(values: Sequence[float], stds: Sequence[float], prior_std: float = 
     >>> combined([1.0, 3.0], [1.0, 1.0])
     (2.0, 1.0)
     """
-    found, information = np.asarray(values, np.float64), np.asarray(stds, np.float64) ** -2
-    shared = 0.0 if math.isinf(prior_std) else prior_std**-2
-    own = np.maximum(information - shared, 1e-9 * information)
-    data = found * information / own
-    total = float(own.sum() + shared)
-    mean = float((own * data).sum() / total)
-    wide = 1.0
-    if len(found) > 1:
-        wide = max(1.0, float(np.sum(information * (found - mean) ** 2)) / (len(found) - 1))
-    return mean, math.sqrt(wide / total)
+    means, information = np.asarray(values, np.float64), np.asarray(stds, np.float64) ** -2
+    prior_information = 0.0 if math.isinf(prior_std) else prior_std**-2
+    # a posterior is the product of prior and data: the prior is removed from each value, and added to the sum once
+    data_information = np.maximum(information - prior_information, 1e-9 * information)
+    data_means = means * information / data_information
+    total = float(data_information.sum() + prior_information)
+    mean = float((data_information * data_means).sum() / total)
+    widening = 1.0
+    if len(means) > 1:
+        widening = max(1.0, float(np.sum(information * (means - mean) ** 2)) / (len(means) - 1))
+    return mean, math.sqrt(widening / total)

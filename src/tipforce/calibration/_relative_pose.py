@@ -143,30 +143,24 @@ def refine_relative_pose(stated: StatedPose, tips: TipPairs) -> RelativePose:
             "the pose of the views; see `tipforce inspect`"
         )
     open_std = np.array([*np.radians([OPEN_TURN_DEG] * 3), *[OPEN_SHIFT_M] * 3])
-    wide = stated.covariance + np.diag(open_std**2)
-    free = _fit(stated, tips, wide, None)
-    square, determined = _difference(free, wide, stated.covariance)
-    p_value = float(chi2.sf(square, determined)) if determined else 1.0
+    open_prior = stated.covariance + np.diag(open_std**2)
+    open_fit = _fit(stated, tips, open_prior, None)
+    chi_square, determined = _difference(open_fit, open_prior, stated.covariance)
+    p_value = float(chi2.sf(chi_square, determined)) if determined else 1.0
     prior = stated.covariance
     if p_value < MAX_P_VALUE:
-        while _difference(free, wide, prior)[0] > determined:
+        while _difference(open_fit, open_prior, prior)[0] > determined:
             prior = 2.0 * prior
-    found = _fit(stated, tips, prior, free)
-    before, after = _residuals(stated, tips, np.zeros(6)), _residuals(stated, tips, found.change)
-    px = np.linalg.norm(_slopes(stated, tips, found.change)[:, 1], axis=1)  # rad for a pixel of the second view
-    kept = found.weights > 0
+    refined = _fit(stated, tips, prior, open_fit)
+    before, after = _residuals(stated, tips, np.zeros(6)), _residuals(stated, tips, refined.change)
+    rad_per_px = np.linalg.norm(_slopes(stated, tips, refined.change)[:, 1], axis=1)  # of the second view
+    is_used = refined.weights > 0
     return RelativePose(
-        moved_camera(stated.cameras[1], found.change),
-        found.change,
-        found.covariance,
-        1.0 - np.diag(found.covariance) / np.diag(prior),
-        square,
-        determined,
-        p_value,
-        float(np.sqrt(np.mean((before / px)[kept] ** 2))),
-        float(np.sqrt(np.mean((after / px)[kept] ** 2))),
-        len(before),
-    )
+        moved_camera(stated.cameras[1], refined.change), refined.change, refined.covariance,
+        1.0 - np.diag(refined.covariance) / np.diag(prior), chi_square, determined, p_value,
+        float(np.sqrt(np.mean((before / rad_per_px)[is_used] ** 2))),
+        float(np.sqrt(np.mean((after / rad_per_px)[is_used] ** 2))), len(before),
+    )  # fmt: skip
 
 
 def moved_camera(camera: CameraModel, change: FloatArray) -> CameraModel:
@@ -218,17 +212,21 @@ def _fit(stated: StatedPose, tips: TipPairs, prior: FloatArray, noise_of: _Fit |
         tips: the tips.
         prior: (6, 6) covariance of the change about 0.
         noise_of: the fit whose weights and scatter are taken; None: they are found.
+
+    Gauss-Newton with Tukey's weights, which ignore frames with a wrongly detected tip.
     """
-    inverse = np.linalg.inv(prior)
+    prior_precision = np.linalg.inv(prior)
     slopes = _slopes(stated, tips, np.zeros(6))
     along = np.einsum("nvi,nvi->nv", slopes, tips.axes)
     across = np.sqrt(np.maximum((slopes**2).sum(axis=2) - along**2, 0.0))
     noise = np.sqrt(((TIP_ALONG_STD_PX * along) ** 2 + (TIP_ACROSS_STD_PX * across) ** 2).sum(axis=1))
     lasting = _lasting(tips, along)
-    # covariance of each tip times the slope of the residual by it
-    shift = slopes * TIP_ACROSS_STD_PX**2 + tips.axes * along[..., None] * (TIP_ALONG_STD_PX**2 - TIP_ACROSS_STD_PX**2)
-    shift *= np.array([-1.0, 1.0])[None, :, None]
-    change, total = np.zeros(6), inverse
+    # covariance of each tip times the slope of the residual by it: times residual / variance, its most probable error
+    tip_shift = slopes * TIP_ACROSS_STD_PX**2 + tips.axes * along[..., None] * (
+        TIP_ALONG_STD_PX**2 - TIP_ACROSS_STD_PX**2
+    )
+    tip_shift *= np.array([-1.0, 1.0])[None, :, None]
+    change, precision = np.zeros(6), prior_precision
     weights, spread = np.ones(len(noise)), 1.0
     for _ in range(_MAX_ITERATIONS):
         residual = _residuals(stated, tips, change)
@@ -240,17 +238,20 @@ def _fit(stated: StatedPose, tips: TipPairs, prior: FloatArray, noise_of: _Fit |
             weights, spread = noise_of.weights, noise_of.spread
         # The slopes are taken at the tips that fulfil the constraint: those at the detected tips are correlated with
         # their noise, which turns the pose by degrees in directions that the tips do not determine.
-        meant = replace(tips, tips_px=tips.tips_px - shift * (residual / noise**2)[:, None, None])
-        root = np.linalg.cholesky(np.diag((noise * spread) ** 2 / np.maximum(weights, MIN_WEIGHT)) + lasting)
-        rows = np.linalg.solve(root, _derivatives(stated, meant, change))
-        total = rows.T @ rows + inverse
-        step = np.linalg.solve(total, -rows.T @ np.linalg.solve(root, residual) - inverse @ change)
-        size = float(np.abs(step[:3]).max())
-        step *= min(1.0, MAX_STEP_RAD / size) if size > 0 else 1.0
+        corrected = replace(tips, tips_px=tips.tips_px - tip_shift * (residual / noise**2)[:, None, None])
+        # a unit covariance for the residuals: jitter of each frame, and errors that frames at one position share
+        noise_root = np.linalg.cholesky(np.diag((noise * spread) ** 2 / np.maximum(weights, MIN_WEIGHT)) + lasting)
+        jacobian = np.linalg.solve(noise_root, _derivatives(stated, corrected, change))
+        precision = jacobian.T @ jacobian + prior_precision
+        step = np.linalg.solve(
+            precision, -jacobian.T @ np.linalg.solve(noise_root, residual) - prior_precision @ change
+        )
+        turn_size = float(np.abs(step[:3]).max())
+        step *= min(1.0, MAX_STEP_RAD / turn_size) if turn_size > 0 else 1.0
         change = change + step
-        if float(step @ total @ step) < 1e-8:
+        if float(step @ precision @ step) < 1e-8:
             break
-    return _Fit(change, np.asarray(np.linalg.inv(total), np.float64), weights, spread)
+    return _Fit(change, np.asarray(np.linalg.inv(precision), np.float64), weights, spread)
 
 
 def _lasting(tips: TipPairs, along: FloatArray) -> FloatArray:
@@ -286,14 +287,15 @@ def _difference(free: _Fit, wide: FloatArray, stated: FloatArray) -> tuple[float
         stated: (6, 6) covariance of the stated pose.
     """
     root = np.linalg.cholesky(wide)
-    white = np.linalg.solve(root, np.linalg.solve(root, free.covariance).T)
-    shares, vectors = np.linalg.eigh(np.eye(6) - 0.5 * (white + white.T))
-    known = vectors[:, shares > RESOLVED_SHARE]
-    if not known.shape[1]:
+    share_left = np.linalg.solve(root, np.linalg.solve(root, free.covariance).T)
+    shares, vectors = np.linalg.eigh(np.eye(6) - 0.5 * (share_left + share_left.T))
+    # directions in which the tips reduce the prior's variance, in units in which that prior is 1
+    determined = vectors[:, shares > RESOLVED_SHARE]
+    if not determined.shape[1]:
         return 0.0, 0
     # the fitted change is gain @ (true change) + noise, under the prior about 0
     gain = np.eye(6) - free.covariance @ np.linalg.inv(wide)
-    spread = gain @ stated @ gain.T + gain @ free.covariance
-    part = known.T @ np.linalg.inv(root)
-    seen = part @ free.change
-    return float(seen @ np.linalg.solve(part @ spread @ part.T, seen)), known.shape[1]
+    covariance = gain @ stated @ gain.T + gain @ free.covariance
+    to_determined = determined.T @ np.linalg.inv(root)
+    change = to_determined @ free.change
+    return float(change @ np.linalg.solve(to_determined @ covariance @ to_determined.T, change)), determined.shape[1]

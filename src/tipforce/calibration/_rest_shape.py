@@ -62,23 +62,25 @@ def fit_rest_shape(
     model = rod_model(info, KNOTS - 1)
     unit_m = noise_unit_m(model, scale_m_per_px)
     modes_m = LineError.of(NoiseSettings(), MODES).modes[:-1] * unit_m
-    found: list[FloatArray] = []
-    lasting = np.zeros((KNOTS, KNOTS))
+    curvatures: list[FloatArray] = []
+    line_covariance = np.zeros((KNOTS, KNOTS))
     for line, knob_per_m in zip(lines, knob_curvature_per_m.tolist(), strict=True):
         distance_m = model.flexible_m + model.rigid_m - line.from_tip
         angle_rad = np.unwrap(np.arctan2(-line.normals[:, 0], line.normals[:, 1]))
+        # direction = angle at the clamp + turns by the knots' curvatures; the angle at the clamp is not used further
         design = _turns(distance_m, model.flexible_m)
-        solve = np.linalg.pinv(np.column_stack([np.ones(len(design)), design]))[1:]
-        found.append(solve @ angle_rad - knob_per_m)
-        own = solve @ np.gradient(modes_m, distance_m, axis=0)
-        lasting += own @ own.T / len(lines)
-    values = np.array(found)
+        curvature_by_angle = np.linalg.pinv(np.column_stack([np.ones(len(design)), design]))[1:]
+        curvatures.append(curvature_by_angle @ angle_rad - knob_per_m)
+        shape_error = curvature_by_angle @ np.gradient(modes_m, distance_m, axis=0)
+        line_covariance += shape_error @ shape_error.T / len(lines)
+    values = np.array(curvatures)
     scatter = values.var(axis=0, ddof=1) / len(values)
-    return RestShape(values.mean(axis=0), np.sqrt(scatter + np.diag(lasting)), len(values))
+    return RestShape(values.mean(axis=0), np.sqrt(scatter + np.diag(line_covariance)), len(values))
 
 
 def _turns(distance_m: FloatArray, flexible_m: float) -> FloatArray:
     """Returns the angles (points, `KNOTS`) at ``distance_m`` (points,) of a unit curvature at each knot, rad."""
+    # a unit curvature at a knot decreases linearly to 0 at both neighbours; the trapezoidal rule integrates it
     fine = np.linspace(0.0, flexible_m, 40 * (KNOTS - 1) + 1)
     hats = np.stack([np.interp(fine, np.linspace(0.0, flexible_m, KNOTS), row) for row in np.eye(KNOTS)], axis=1)
     steps = 0.5 * (hats[1:] + hats[:-1]) * (fine[1] - fine[0])
@@ -105,6 +107,7 @@ def rest_quantity(shapes: Sequence[RestShape], info: SessionInfo) -> Quantity:
         doubt = "the lines determine it too little"
     elif float(np.max(np.abs(value - arc) / std)) < MIN_SHAPE_STDS and not before:
         doubt = "not distinguishable from an arc"
+    # decimals that show two digits of the largest standard error
     digits = max(0, 1 - math.floor(math.log10(worst)))
     return Quantity(
         "rest curvature, mean", mean, worst, "1/m", sum(each.frames for each in shapes),

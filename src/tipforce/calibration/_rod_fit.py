@@ -88,12 +88,12 @@ class RodFit:
         return float(self.mean[UNKNOWNS.index(name) - FORCE])
 
     def std(self, name: str) -> float:
-        """Returns its standard deviation."""
+        """Returns the standard deviation of one of `UNKNOWNS` behind the force, after the fit."""
         at = UNKNOWNS.index(name) - FORCE
         return math.sqrt(self.covariance[at, at])
 
     def prior(self, name: str) -> float:
-        """Returns its standard deviation before the fit."""
+        """Returns the standard deviation of one of `UNKNOWNS` behind the force, before the fit."""
         return float(self.prior_std[UNKNOWNS.index(name) - FORCE])
 
     @property
@@ -168,6 +168,7 @@ def fit_rod(
         if at != _STIFFNESS:  # the stiffness is fitted; its prior is in the settings
             prior[at] = std
     prior[_TURN:] = turn_std_rad, tare_std_n, tare_std_n, late_std_s
+    # a knob that is somewhere in its gap: a uniform distribution has the standard deviation width / sqrt(12)
     play = abs(info.actuation.knob_gain_per_m_deg or 0.0) * settings.prior.knob_play_deg / math.sqrt(12.0)
     prior[0] = math.hypot(prior[0], play)
     drift = np.maximum(MIN_DRIFT_PER_M, DRIFT_SHARE * np.abs(precurvature_per_m))
@@ -212,36 +213,41 @@ def line_forces(
     settings = settings or RodSettings()
     model, error = rod_model(info, settings.segments), LineError.of(settings.noise, MODES)
     whiten, modes = error.whiten / scale_m_per_px, error.modes * scale_m_per_px
-    count = _CONSTANTS + MODES
-    work, found = make_work(model, POINTS, FORCE + count), np.full((len(lines), FORCE), math.nan)
-    information = np.zeros((FORCE + count, FORCE + count))
+    constants = _CONSTANTS + MODES
+    work, forces = make_work(model, POINTS, FORCE + constants), np.full((len(lines), FORCE), math.nan)
+    information = np.zeros((FORCE + constants, FORCE + constants))
     information[:FORCE, :FORCE] = np.eye(FORCE) / FORCE_PRIOR_STD_N**2
-    information[FORCE:, FORCE:] = np.linalg.inv(fit.covariance[:count, :count])
+    information[FORCE:, FORCE:] = np.linalg.inv(fit.covariance[:constants, :constants])
     for k, line in enumerate(lines):
-        mean = np.concatenate([np.zeros(FORCE), fit.mean[:count]])
+        mean = np.concatenate([np.zeros(FORCE), fit.mean[:constants]])
         mean[_K0] += precurvature_per_m[k]
-        q, covariance = mean.copy(), np.empty_like(information)
+        q, covariance = mean.copy(), np.empty_like(information)  # `fit_line` fills both
         result = fit_line(
             q, mean, information, model, line, modes, whiten, HUBER_STDS, 2 * MAX_STEPS, True, work, covariance
         )  # fmt: skip
         if result.converged:
-            found[k] = q[:FORCE]
-    return found
+            forces[k] = q[:FORCE]
+    return forces
 
 
 def _is_possible(q: FloatArray, model: Model) -> bool:
     """Returns whether this rod and its load are in the range of the solver, as `fit_line` does for its steps."""
     load = math.hypot(q[0], q[1]) * model.flexible_m**2 / model.stiffness_nm2
     factors = [1.0 + float(q[UNKNOWNS.index(name)]) for name in ("stiffness", "proximal_stiffness", "length", "scale")]
-    soft, k0 = float(q[UNKNOWNS.index("stiffening_m2")]), float(q[_K0])
+    stiffening_m2, k0 = float(q[UNKNOWNS.index("stiffening_m2")]), float(q[_K0])
     return (
         load < MAX_LOAD and min(factors) > MIN_FACTOR and abs(k0) * model.flexible_m < MAX_TURN_RAD
-        and soft > 0.0 and soft * k0**2 < MAX_STIFFENING
+        and stiffening_m2 > 0.0 and stiffening_m2 * k0**2 < MAX_STIFFENING
     )  # fmt: skip
 
 
 class _Problem:
-    """The frames of one fit; see `fit_rod`."""
+    """The frames of one fit and the state of its solver; the arguments are those of `fit_rod`, n frames.
+
+    ``k0`` is the (n,) pre-curvature set by the knob, ``drift`` the (n,) standard deviation about it in 1/m; ``mean``
+    and ``prior`` are the (`_COUNT`,) prior of the shared unknowns. ``_theta`` holds each frame's last solution of the
+    rod, from which its next one starts where ``_warm`` is set.
+    """
 
     def __init__(
         self, model: Model, lines: Sequence[Line], force: FloatArray, rate: FloatArray, k0: FloatArray,
@@ -258,66 +264,79 @@ class _Problem:
         self._misfit = math.nan
 
     def solve(self, start: FloatArray) -> RodFit:
-        shared, own = start.copy(), np.zeros((len(self._lines), _LOCAL))
-        own[:, :FORCE] = self._read(shared)
-        state, converged = self._normal(shared, own, RESIDUAL_FACTORS[0]), False
+        """Minimises from the (`_COUNT`,) shared unknowns ``start``.
+
+        The first rounds trust the lines less and leave out the frames that then fit badly. The last rounds increase the
+        standard deviation of the sensor's readings until it explains the difference between sensor and rod.
+        """
+        shared, local = start.copy(), np.zeros((len(self._lines), _LOCAL))
+        local[:, :FORCE] = self._read(shared)
+        state, converged = self._normal(shared, local, RESIDUAL_FACTORS[0]), False
         for ease in RESIDUAL_FACTORS:
-            shared, own, state, converged = self._descend(shared, own, ease)
+            shared, local, state, converged = self._descend(shared, local, ease)
             if ease < 1.0 and state[0] < math.inf:
-                own = self._drop_outliers(own)
+                local = self._drop_outliers(local)
         if state[0] == math.inf:
             raise InputError("no rod as it is stated bends under the measured forces as in the images")
         for _ in range(MAX_NOISE_ROUNDS):
-            difference = own[:, :FORCE] - self._read(shared)
+            difference = local[:, :FORCE] - self._read(shared)
             # the remaining difference, and the variance of a frame's force by its line
-            own_variance = [inverse[0, 0] + inverse[1, 1] for inverse, *_ in state[3]]
-            square = float(np.mean(difference**2)) + float(np.mean(own_variance)) / FORCE
+            line_variance = [inverse[0, 0] + inverse[1, 1] for inverse, *_ in state[3]]
+            square = float(np.mean(difference**2)) + float(np.mean(line_variance)) / FORCE
             if square < (NOISE_GROWTH * self._force_std) ** 2:
                 break
             self._force_std = math.sqrt(square)
-            shared, own, state, converged = self._descend(shared, own, 1.0)
+            shared, local, state, converged = self._descend(shared, local, 1.0)
         covariance = np.linalg.inv(state[1]) * max(1.0, self._misfit)
         return RodFit(
             shared, 0.5 * (covariance + covariance.T), self._prior,
-            self._k0 + shared[0] + own[:, FORCE], self._misfit, self._force_std, state[0],
+            self._k0 + shared[0] + local[:, FORCE], self._misfit, self._force_std, state[0],
             len(self._lines), converged, self._kept, np.sqrt([inverse[FORCE, FORCE] for inverse, *_ in state[3]]),
         )  # fmt: skip
 
-    def _drop_outliers(self, own: FloatArray) -> FloatArray:
-        """Returns ``own`` of the frames that are kept; in the others a different object was detected."""
-        usual = float(np.median(self._squares))
-        fine = np.flatnonzero(self._squares <= max(OUTLIER_MEDIANS * usual, OUTLIER_VARIANCES * self._whiten.shape[0]))
-        self._lines = [self._lines[k] for k in fine.tolist()]
-        self._force, self._rate, self._k0 = self._force[fine], self._rate[fine], self._k0[fine]
-        self._drift, self._theta, self._warm = self._drift[fine], self._theta[fine], self._warm[fine]
-        self._kept = self._kept[fine]
-        return own[fine]
+    def _drop_outliers(self, local: FloatArray) -> FloatArray:
+        """Returns ``local`` of the frames that are kept; in the others a different object was detected."""
+        median_square = float(np.median(self._squares))
+        kept_rows = np.flatnonzero(
+            self._squares <= max(OUTLIER_MEDIANS * median_square, OUTLIER_VARIANCES * self._whiten.shape[0])
+        )
+        self._lines = [self._lines[k] for k in kept_rows.tolist()]
+        self._force, self._rate, self._k0 = self._force[kept_rows], self._rate[kept_rows], self._k0[kept_rows]
+        self._drift, self._theta, self._warm = self._drift[kept_rows], self._theta[kept_rows], self._warm[kept_rows]
+        self._kept = self._kept[kept_rows]
+        return local[kept_rows]
 
     def _descend(
-        self, shared: FloatArray, own: FloatArray, ease: float
+        self, shared: FloatArray, local: FloatArray, ease: float
     ) -> tuple[FloatArray, FloatArray, _Equations, bool]:
-        """Minimises by Levenberg-Marquardt; returns the unknowns, their equations, and whether it converged."""
-        state, damping = self._normal(shared, own, ease), 0.0
+        """Minimises by Levenberg-Marquardt; see `_normal` for the arguments.
+
+        Returns:
+            The shared and the local unknowns, their equations, and whether the fit has converged.
+        """
+        equations, damping = self._normal(shared, local, ease), 0.0
         for _ in range(MAX_STEPS):
-            cost, matrix, side, blocks = state
+            cost, matrix, side, blocks = equations
             if cost == math.inf:
                 break
             step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), side)
-            tried = shared + step
-            tried_own = own + np.array([inverse @ (left - cross @ step) for inverse, left, cross in blocks])
+            tried_shared = shared + step
+            tried_local = local + np.array(
+                [inverse @ (right_side - cross @ step) for inverse, right_side, cross in blocks]
+            )
             previous_theta = self._theta.copy()
-            attempt = self._normal(tried, tried_own, ease)
+            attempt = self._normal(tried_shared, tried_local, ease)
             if attempt[0] <= cost:
-                shared, own, state = tried, tried_own, attempt
+                shared, local, equations = tried_shared, tried_local, attempt
                 damping = 0.0 if damping < 1e-3 else 0.1 * damping
                 if cost - attempt[0] < CONVERGED_COST:
-                    return shared, own, state, True
+                    return shared, local, equations, True
             else:
                 self._theta = previous_theta
                 damping = max(1e-2, 8.0 * damping)
                 if damping > MAX_DAMPING:
-                    return shared, own, state, True
-        return shared, own, state, False
+                    return shared, local, equations, True
+        return shared, local, equations, False
 
     def _read(self, shared: FloatArray) -> FloatArray:
         """Returns the (n, 2) forces if the sensor's readings are exact."""
@@ -326,66 +345,85 @@ class _Problem:
         # a force stamp is the frame's minus the offset: a larger offset selects an earlier force
         return (self._force - shared[_LATE] * self._rate) @ turn + shared[_TARE : _TARE + FORCE]
 
-    def _normal(self, shared: FloatArray, own: FloatArray, ease: float) -> _Equations:
-        """Returns the cost, and the equations of the next step, from which each frame's own unknowns are eliminated."""
+    def _normal(self, shared: FloatArray, local: FloatArray, ease: float) -> _Equations:
+        """Linearises the fit and eliminates each frame's unknowns from the equations of the next step.
+
+        The cost is half the sum of squares, in standard deviations, of four kinds of residual: shared unknowns less
+        their prior, lines (with Huber's loss), rod's force less the sensor's, and drift of the pre-curvature.
+
+        Args:
+            shared: (`_COUNT`,) unknowns of the session; see `RodFit.mean`.
+            local: (n, `_LOCAL`) unknowns of the frames: force in N, and drift of the pre-curvature in 1/m.
+            ease: factor of the lines' residual.
+
+        Returns:
+            The equations; the cost is infinite where no rod with these unknowns can be solved.
+        """
         work, count = self._work, _CONSTANTS + MODES
         information = 1.0 / self._prior**2
         cost = 0.5 * float(np.sum(information * (shared - self._mean) ** 2))
         matrix, side = np.diag(information), -information * (shared - self._mean)
         read = self._read(shared)
-        c, s = math.cos(shared[_TURN]), math.sin(shared[_TURN])
-        turned = self._force @ np.array([[-s, c], [-c, -s]])
-        rate = self._rate @ np.array([[c, s], [-s, c]])
+        cosine, sine = math.cos(shared[_TURN]), math.sin(shared[_TURN])
+        turned = self._force @ np.array([[-sine, cosine], [-cosine, -sine]])
+        rate = self._rate @ np.array([[cosine, sine], [-sine, cosine]])
         q = np.empty(FORCE + count)
         q[FORCE:] = shared[:count]
         blocks: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         force_variance = self._force_std**2
         frame_squares = np.zeros(len(self._lines))
-        rows = self._whiten.shape[0]
+        rows = self._whiten.shape[0]  # whitened residuals of a line
         for i, line in enumerate(self._lines):
-            q[:FORCE] = own[i, :FORCE]
-            q[_K0] = shared[0] + self._k0[i] + own[i, FORCE]
+            q[:FORCE] = local[i, :FORCE]
+            q[_K0] = shared[0] + self._k0[i] + local[i, FORCE]
             warm = bool(self._warm[i])
             if warm:
                 work.theta[:] = self._theta[i]
             if not _is_possible(q, self._model):
                 return math.inf, matrix, side, blocks
             # a step that a warm start cannot follow is too long: it is shortened, not solved from a cold start
-            found = predict_line(q, self._model, line, self._modes, work, not warm)
-            if not (found[0] and found[1]):
+            prediction = predict_line(q, self._model, line, self._modes, work, not warm)
+            if not (prediction[0] and prediction[1]):
                 return math.inf, matrix, side, blocks
             self._theta[i], self._warm[i] = work.theta, True
             white = ease * (self._whiten @ work.residual)
             slopes = ease * (self._whiten @ work.slopes)
             frame_squares[i] = float(white @ white) / ease**2
-            size = np.abs(white)
-            cost += float(np.sum(np.where(size <= HUBER_STDS, 0.5 * size**2, HUBER_STDS * (size - 0.5 * HUBER_STDS))))
-            weight = np.minimum(1.0, HUBER_STDS / np.maximum(size, 1e-12))
-            local = np.empty((rows, _LOCAL))
-            local[:, :FORCE], local[:, FORCE] = slopes[:, :FORCE], slopes[:, _K0]
-            common = np.zeros((rows, _COUNT))
-            common[:, :count] = slopes[:, FORCE:]
-            difference = own[i, :FORCE] - read[i]
-            cost += 0.5 * float(difference @ difference) / force_variance + 0.5 * (own[i, FORCE] / self._drift[i]) ** 2
-            # derivatives of (own - read) by the turn, the clock offset and the tare
+            absolute = np.abs(white)
+            cost += float(
+                np.sum(np.where(absolute <= HUBER_STDS, 0.5 * absolute**2, HUBER_STDS * (absolute - 0.5 * HUBER_STDS)))
+            )
+            weight = np.minimum(1.0, HUBER_STDS / np.maximum(absolute, 1e-12))
+            local_slopes = np.empty((rows, _LOCAL))
+            local_slopes[:, :FORCE], local_slopes[:, FORCE] = slopes[:, :FORCE], slopes[:, _K0]
+            shared_slopes = np.zeros((rows, _COUNT))
+            shared_slopes[:, :count] = slopes[:, FORCE:]
+            force_error = local[i, :FORCE] - read[i]
+            cost += (
+                0.5 * float(force_error @ force_error) / force_variance + 0.5 * (local[i, FORCE] / self._drift[i]) ** 2
+            )
+            # derivatives of the rod's force less the reading by the turn, the clock offset and the tare
             slope_read = np.zeros((FORCE, _COUNT))
             slope_read[:, _TURN], slope_read[:, _LATE] = -turned[i], rate[i]
             slope_read[:, _TARE : _TARE + FORCE] = -np.eye(FORCE)
-            inner = local.T @ (weight[:, None] * local)
-            inner[:FORCE, :FORCE] += np.eye(FORCE) / force_variance
-            inner[FORCE, FORCE] += self._drift[i] ** -2
-            cross = local.T @ (weight[:, None] * common)
+            # normal equations of the frame's own unknowns, which the Schur complement then eliminates
+            local_matrix = local_slopes.T @ (weight[:, None] * local_slopes)
+            local_matrix[:FORCE, :FORCE] += np.eye(FORCE) / force_variance
+            local_matrix[FORCE, FORCE] += self._drift[i] ** -2
+            cross = local_slopes.T @ (weight[:, None] * shared_slopes)
             cross[:FORCE] += slope_read / force_variance
-            left = local.T @ (weight * white)
-            left[:FORCE] -= difference / force_variance
-            left[FORCE] -= own[i, FORCE] * self._drift[i] ** -2
-            inverse = np.asarray(np.linalg.inv(inner), np.float64)
-            matrix += common.T @ (weight[:, None] * common) + slope_read.T @ slope_read / force_variance
+            right_side = local_slopes.T @ (weight * white)
+            right_side[:FORCE] -= force_error / force_variance
+            right_side[FORCE] -= local[i, FORCE] * self._drift[i] ** -2
+            inverse = np.asarray(np.linalg.inv(local_matrix), np.float64)
+            matrix += shared_slopes.T @ (weight[:, None] * shared_slopes) + slope_read.T @ slope_read / force_variance
             matrix -= cross.T @ inverse @ cross
             side += (
-                common.T @ (weight * white) - slope_read.T @ difference / force_variance - cross.T @ (inverse @ left)
+                shared_slopes.T @ (weight * white)
+                - slope_read.T @ force_error / force_variance
+                - cross.T @ (inverse @ right_side)
             )
-            blocks.append((inverse, left, cross))
+            blocks.append((inverse, right_side, cross))
         self._squares = frame_squares
         self._misfit = float(np.mean(frame_squares)) / rows
         return cost, matrix, side, blocks

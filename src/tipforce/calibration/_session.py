@@ -38,6 +38,7 @@ FORCE_RATE_S = 6e-3
 STAGE_RATE_S = 10e-3
 """Half the time over which the speed of the stage is computed."""
 CORRELATION_S = 0.02
+"""Time over which the residual of the readings is correlated."""
 MAX_FRAMES = 3000
 """Largest number of frames that are read; in a longer recording only every second, third ... frame is read."""
 
@@ -108,19 +109,11 @@ class CalibrationSession:
         """Returns the frames at ``rows``."""
         kept = rows.tolist()
         return replace(
-            self,
-            stamp_ns=self.stamp_ns[rows],
-            shapes=[self.shapes[row] for row in kept],
-            lines=[self.lines[row] for row in kept],
-            dome_m=self.dome_m[rows],
-            diameter_px=self.diameter_px[rows],
-            force_n=self.force_n[rows],
-            rate_n_per_s=self.rate_n_per_s[rows],
-            past_n=self.past_n[rows],
-            knob_deg=self.knob_deg[rows],
-            stage_m=self.stage_m[rows],
-            stage_m_per_s=self.stage_m_per_s[rows],
-        )
+            self, stamp_ns=self.stamp_ns[rows], shapes=[self.shapes[row] for row in kept],
+            lines=[self.lines[row] for row in kept], dome_m=self.dome_m[rows], diameter_px=self.diameter_px[rows],
+            force_n=self.force_n[rows], rate_n_per_s=self.rate_n_per_s[rows], past_n=self.past_n[rows],
+            knob_deg=self.knob_deg[rows], stage_m=self.stage_m[rows], stage_m_per_s=self.stage_m_per_s[rows],
+        )  # fmt: skip
 
 
 def read_session(
@@ -181,18 +174,18 @@ def read_session(
                 break
             if row % stride or not isinstance(event, Frame):
                 continue
-            found = detection.read(Observation(event.stamp_ns, {view: event.image}))
-            if isinstance(found, Detected) and found.shape.centreline is not None:
+            detected = detection.read(Observation(event.stamp_ns, {view: event.image}))
+            if isinstance(detected, Detected) and detected.shape.centreline is not None:
                 rows.append(row)
-                shapes.append(found.shape)
-                frame_of = found.frame
-                lines.append(found.line())
+                shapes.append(detected.shape)
+                frame_of = detected.frame
+                lines.append(detected.line())
             if progress is not None:
                 progress((row + 1) / wanted)
         if not rows or frame_of is None:
             raise InputError(f"{path}: the catheter is detected in none of {wanted} frames; see `tipforce inspect`")
-        kept = np.array(rows, np.int64)
-        return _with_streams(reader, info, view, kept, wanted, shapes, lines, scale, contact_free=contact_free)
+        detected_rows = np.array(rows, np.int64)
+        return _with_streams(reader, info, view, detected_rows, wanted, shapes, lines, scale, contact_free=contact_free)
 
 
 def _with_streams(
@@ -207,71 +200,73 @@ def _with_streams(
     *,
     contact_free: bool,
 ) -> CalibrationSession:
-    """Returns the session of the frames ``rows`` of ``view``, of ``wanted`` that were read."""
-    facts, every = reader.info, reader.stamps(view)[:wanted]
+    """Adds force, knob and stage to the frames in which the catheter is detected.
+
+    Args:
+        reader: the recording.
+        info: session metadata.
+        view: the view.
+        rows: (n,) indices of the frames in which the catheter is detected.
+        wanted: number of frames at the beginning of the recording that were read.
+        shapes: (n) detected shapes.
+        lines: (n) the same as lines in m.
+        scale: scale of the view, m/px.
+        contact_free: whether every force is 0.
+    """
+    facts, stamps_ns = reader.info, reader.stamps(view)[:wanted]
     force = rate = np.zeros((wanted, 2))
     if not contact_free:
         force = _forces(reader, info, view)[:wanted]
         rate = _forces(reader, info, view, FORCE_RATE_S) - _forces(reader, info, view, -FORCE_RATE_S)
         rate = np.nan_to_num(rate[:wanted] / (2.0 * FORCE_RATE_S))
-    past = _past(every, force)
+    past = _past(stamps_ns, force)
     stage = reader.stage_readings()
     names = tuple(stage[0][1]) if stage else ()
     positions, speeds = np.full((2, wanted, len(names)), math.nan)
     if names:
         # the stage reaches its commanded position later by the same time by which its movement is late in the force
-        at = np.array([facts.inertia.reference_ns])
-        late_ns = int((facts.clock_map.camera_ns(at) - facts.inertia.stage_ns(at))[0]) if facts.inertia.axes else 0
-        when = np.array([stamp for stamp, _ in stage], np.int64) + late_ns
+        reference_ns = np.array([facts.inertia.reference_ns])
+        delay_ns = facts.clock_map.camera_ns(reference_ns) - facts.inertia.stage_ns(reference_ns)
+        late_ns = int(delay_ns[0]) if facts.inertia.axes else 0
+        stage_ns = np.array([stamp for stamp, _ in stage], np.int64) + late_ns
         for k, name in enumerate(names):
             unit = 1e-3 if name.endswith("_mm") else 1.0
             axis_m = unit * np.array([values[name] for _, values in stage])
-            positions[:, k] = np.interp(every, when, axis_m)
-            ends = [np.interp(every + sign * round(STAGE_RATE_S * 1e9), when, axis_m) for sign in (-1, 1)]
+            positions[:, k] = np.interp(stamps_ns, stage_ns, axis_m)
+            ends = [np.interp(stamps_ns + sign * round(STAGE_RATE_S * 1e9), stage_ns, axis_m) for sign in (-1, 1)]
             speeds[:, k] = (ends[1] - ends[0]) / (2.0 * STAGE_RATE_S)
-    knob = reader.actuation_at(every).get(KNOB, np.full(wanted, math.nan))
+    knob = reader.actuation_at(stamps_ns).get(KNOB, np.full(wanted, math.nan))
     if KNOB in info.actuation.constant:
         knob = np.full(wanted, info.actuation.constant[KNOB])
     mass_std = _mass_std(reader) if facts.inertia.axes else np.zeros(0)
     directions, angle_std = _directions(facts.inertia, info, names, mass_std)
     return CalibrationSession(
-        name=info.name or reader.path.stem,
-        info=info,
-        view=view,
-        stamp_ns=every[rows],
-        shapes=shapes,
-        lines=lines,
-        scale_m_per_px=scale,
-        dome_m=_domes(shapes, scale, info),
-        diameter_px=np.array([shape.diameter_px for shape in shapes]),
-        force_n=force[rows],
-        rate_n_per_s=rate[rows],
-        past_n=past[rows],
-        knob_deg=knob[rows],
-        knob_series=(every, knob),
-        stage_names=names,
-        stage_m=positions[rows],
-        stage_m_per_s=speeds[rows],
-        stage_to_base=directions,
-        stage_angle_std_rad=angle_std,
-        clock_map=facts.clock_map,
-        tare=facts.tare,
-        inertia=facts.inertia,
-        mass_std_kg=mass_std,
-        frames=wanted,
-    )
+        name=info.name or reader.path.stem, info=info, view=view, stamp_ns=stamps_ns[rows], shapes=shapes, lines=lines,
+        scale_m_per_px=scale, dome_m=_domes(shapes, scale, info),
+        diameter_px=np.array([shape.diameter_px for shape in shapes]), force_n=force[rows], rate_n_per_s=rate[rows],
+        past_n=past[rows], knob_deg=knob[rows], knob_series=(stamps_ns, knob), stage_names=names,
+        stage_m=positions[rows], stage_m_per_s=speeds[rows], stage_to_base=directions, stage_angle_std_rad=angle_std,
+        clock_map=facts.clock_map, tare=facts.tare, inertia=facts.inertia, mass_std_kg=mass_std, frames=wanted,
+    )  # fmt: skip
 
 
 def _forces(reader: RecordingReader, info: SessionInfo, view: str, later_s: float = 0.0) -> FloatArray:
-    """Returns the (frames, 2) forces in the base frame of ``info``; NaN without a force."""
+    """Returns the (frames, 2) forces of the tissue on the tip in the base frame; NaN without a force.
+
+    Args:
+        reader: the recording, whose metadata state the sensor's pose that `labels` uses.
+        info: session metadata that replace it: the forces are turned back to the sensor and then by this pose.
+        view: the view whose frames are used.
+        later_s: time after each frame at which the force is read.
+    """
     stream = next((each.name for each in reader.info.streams.values() if each.kind == "wrench"), None)
     if stream is None:
         return np.full((len(reader.stamps(view)), 2), math.nan)
-    found = labels(reader, camera=view, force=stream, later_s=later_s).force_n
+    recorded_n = labels(reader, camera=view, force=stream, later_s=later_s).force_n
     recorded = reader.info.sensor or SensorInfo()
-    turned = np.nan_to_num(found) @ recorded.matrix @ info.sensor.matrix.T
-    turned[np.isnan(found[:, :2]).any(axis=1)] = math.nan
-    return turned[:, :2]
+    force_n = np.nan_to_num(recorded_n) @ recorded.matrix @ info.sensor.matrix.T
+    force_n[np.isnan(recorded_n[:, :2]).any(axis=1)] = math.nan
+    return force_n[:, :2]
 
 
 def _past(stamp_ns: IntArray, force: FloatArray) -> FloatArray:
@@ -286,14 +281,18 @@ def _past(stamp_ns: IntArray, force: FloatArray) -> FloatArray:
     known = np.stack(
         [np.interp(stamp_ns, stamp_ns[is_known], column[is_known], left=0.0) for column in force.T], axis=1
     )
-    keep = np.exp(-np.diff(stamp_ns) * 1e-9 / CREEP_S)
+    decay = np.exp(-np.diff(stamp_ns) * 1e-9 / CREEP_S)
     for k in range(1, len(force)):
-        past[k] = keep[k - 1] * past[k - 1] + (1.0 - keep[k - 1]) * 0.5 * (known[k - 1] + known[k])
+        past[k] = decay[k - 1] * past[k - 1] + (1.0 - decay[k - 1]) * 0.5 * (known[k - 1] + known[k])
     return past
 
 
 def _domes(shapes: Sequence[DetectedShape], scale: float, info: SessionInfo) -> FloatArray:
-    """Returns the (n, 2) middle of the tip's dome in m, in the base frame of the whole session."""
+    """Returns the (n, 2) middle of the tip's dome in m, in one base frame for the session.
+
+    The base frame is the median of the detected ones, so that its noise in a frame does not move the dome. The middle
+    is one radius of the shaft behind the detected tip, along the axis of the last `AXIS_SHARE` of the length.
+    """
     bases = [shape.base for shape in shapes if shape.base is not None]
     turn = complex(np.mean([np.exp(1j * base.angle_rad) for base in bases]))
     base = BasePose(np.median([each.origin_px for each in bases], axis=0), float(np.angle(turn)))
@@ -311,31 +310,31 @@ def _domes(shapes: Sequence[DetectedShape], scale: float, info: SessionInfo) -> 
 def _directions(
     inertia: Inertia, info: SessionInfo, names: tuple[str, ...], mass_std_kg: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Returns (2, axes) unit vectors in the base frame, and the standard deviation of their angle.
+    """Returns (2, axes) unit vectors of the stage's axes in the base frame, and the standard deviation of their angle.
 
     A sensor under the tissue reads the tissue's mass times minus the acceleration. The angles of perpendicular axes are
     averaged.
     """
-    found, spread = np.full((2, len(names)), math.nan), math.inf
+    directions, angle_std = np.full((2, len(names)), math.nan), math.inf
     angle = math.radians(info.sensor.angle_deg or 0.0)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     stds: dict[str, float] = {}
     for axis, gain, std in zip(inertia.axes, inertia.gain_kg, mass_std_kg.tolist(), strict=True):
         if axis in names:
-            size = float(np.linalg.norm(gain[:2]))
-            found[:, names.index(axis)] = -turn @ gain[:2] / size
-            stds[axis] = std / size
-            spread = min(spread, stds[axis])
+            mass_kg = float(np.linalg.norm(gain[:2]))
+            directions[:, names.index(axis)] = -turn @ gain[:2] / mass_kg
+            stds[axis] = std / mass_kg
+            angle_std = min(angle_std, stds[axis])
     if {STAGE_FORWARD, STAGE_ACROSS} <= set(stds):
         forward, across = names.index(STAGE_FORWARD), names.index(STAGE_ACROSS)
         # across is to the right of forward, and forward is the direction in which the tip is pressed
-        from_across = np.array([-found[1, across], found[0, across]])
+        from_across = np.array([-directions[1, across], directions[0, across]])
         weights = np.array([stds[STAGE_FORWARD] ** -2, stds[STAGE_ACROSS] ** -2])
-        both = weights[0] * found[:, forward] + weights[1] * from_across
-        found[:, forward] = both / np.linalg.norm(both)
-        found[:, across] = found[1, forward], -found[0, forward]
-        spread = float(weights.sum() ** -0.5)
-    return found, spread
+        forward_sum = weights[0] * directions[:, forward] + weights[1] * from_across
+        directions[:, forward] = forward_sum / np.linalg.norm(forward_sum)
+        directions[:, across] = directions[1, forward], -directions[0, forward]
+        angle_std = float(weights.sum() ** -0.5)
+    return directions, angle_std
 
 
 def _mass_std(reader: RecordingReader) -> FloatArray:
@@ -345,14 +344,15 @@ def _mass_std(reader: RecordingReader) -> FloatArray:
     force = facts.plausibility.corrected(stamps, force)
     stage = StageMotion.of(reader.stage_readings())
     seconds = (stamps - stamps[0]) * 1e-9
-    free = np.zeros(len(stamps), np.bool_)
+    contact_free = np.zeros(len(stamps), np.bool_)
     for start, end in facts.tare.stretches_s:
-        free |= (seconds >= start) & (seconds <= end)
-    free &= np.isfinite(force).any(axis=1)
-    moved = stage.acceleration(facts.inertia.stage_ns(stamps[free]), facts.inertia.axes)
+        contact_free |= (seconds >= start) & (seconds <= end)
+    contact_free &= np.isfinite(force).any(axis=1)
+    acceleration = stage.acceleration(facts.inertia.stage_ns(stamps[contact_free]), facts.inertia.axes)
     corrections = ForceCorrections(facts.sensor, facts.tare, facts.inertia, stage)
-    left = force[free] - facts.tare.force_n - corrections.carried(stamps[free])
-    # the residual is correlated within some hundredths of a second
-    spread = float(np.nanvar(left)) * CORRELATION_S * len(left) / max(float(np.ptp(seconds[free])), 1e-9)
-    information = moved.T @ moved + 1e-12 * np.eye(moved.shape[1])
-    return np.sqrt(spread * np.diag(np.linalg.inv(information)))
+    residual_n = force[contact_free] - facts.tare.force_n - corrections.carried(stamps[contact_free])
+    # readings within `CORRELATION_S` have similar errors, so their number counts less
+    readings_per_s = len(residual_n) / max(float(np.ptp(seconds[contact_free])), 1e-9)
+    variance = float(np.nanvar(residual_n)) * CORRELATION_S * readings_per_s
+    information = acceleration.T @ acceleration + 1e-12 * np.eye(acceleration.shape[1])
+    return np.sqrt(variance * np.diag(np.linalg.inv(information)))

@@ -28,6 +28,7 @@ MIN_PEAK_N = 0.06
 INDEPENDENT_HZ = 1.0
 """Number of frames per second that count as independent."""
 _EXPONENT_STD = 0.5
+"""Standard deviation of the exponent about 1, before the fit."""
 MIN_FORCE_STD_N = 5e-3
 MAX_STEP_S = 0.15
 """Frames that are farther apart do not determine a speed."""
@@ -38,6 +39,7 @@ SLIDE_SHARE = 0.03
 DELAY_STD_S = 6e-3
 """Standard deviation of the time between the stage's commands and the frames."""
 _SCALE = np.array([1e-4, 0.1, 1.0, 0.2, 0.02, 1e-3])
+"""Typical changes of the law's six values; see `_Frames.model_n`."""
 MAX_DEPTH_M = 0.05
 _UNIT_M = 1e-3
 MODEL_SHARE = 0.02
@@ -100,33 +102,29 @@ def fit_tissue(session: CalibrationSession) -> TissueFit:
         )
     if np.percentile(force, 99) < MIN_PEAK_N or (force > MIN_CONTACT_N).sum() < MIN_FRAMES:
         raise InputError("there is too little contact")
-    whole, covariance = _law(frames, session.stage_angle_std_rad)
-    depth = frames.depth_m(whole)
-    at = float(np.median(depth[force > MIN_CONTACT_N]))
-    if not 0.0 < at < MAX_DEPTH_M:
-        raise InputError(f"the depth of contact would be {1e3 * at:.3g} mm: stage and image do not belong together")
-    stiffness = _secant(whole, at)
+    law, covariance = _law(frames, session.stage_angle_std_rad)
+    depth = frames.depth_m(law)
+    median_depth_m = float(np.median(depth[force > MIN_CONTACT_N]))
+    if not 0.0 < median_depth_m < MAX_DEPTH_M:
+        raise InputError(
+            f"the depth of contact would be {1e3 * median_depth_m:.3g} mm: stage and image do not belong together"
+        )
+    stiffness = _secant(law, median_depth_m)
     # slope of the logarithm of the secant's stiffness, k p^(e - 1)
-    slope = np.array([0.0, 1.0 / whole[1], 0.0, math.log(at / _UNIT_M), 0.0, 0.0])
-    spread = stiffness * math.sqrt(max(float(slope @ covariance @ slope), 0.0))
+    slope = np.array([0.0, 1.0 / law[1], 0.0, math.log(median_depth_m / _UNIT_M), 0.0, 0.0])
+    fit_std = stiffness * math.sqrt(max(float(slope @ covariance @ slope), 0.0))
     touching = force > MIN_CONTACT_N
     slide = float(np.std(frames.along_m[touching]) / max(float(np.std(depth[touching])), 1e-5))
-    residual = force - frames.model_n(whole)
-    law = np.linspace(0.0, float(np.max(depth)), 60)
+    residual = force - frames.model_n(law)
+    curve_m = np.linspace(0.0, float(np.max(depth)), 60)
     return TissueFit(
         stiffness_n_per_m=stiffness,
-        stiffness_std=math.hypot(spread, stiffness * math.hypot(MODEL_SHARE, SLIDE_SHARE * slide)),
-        slide=slide,
-        exponent=float(whole[3]),
-        exponent_std=math.hypot(math.sqrt(covariance[3, 3]), MODEL_SHARE),
-        depth_m=at,
-        explained=float(1.0 - residual.var() / max(float(force.var()), 1e-30)),
-        frames=int(touching.sum()),
-        depth_at_m=depth,
-        force_n=force,
-        law_m=law,
-        law_n=whole[1] * (law / _UNIT_M) ** whole[3],
-    )
+        stiffness_std=math.hypot(fit_std, stiffness * math.hypot(MODEL_SHARE, SLIDE_SHARE * slide)), slide=slide,
+        exponent=float(law[3]), exponent_std=math.hypot(math.sqrt(covariance[3, 3]), MODEL_SHARE),
+        depth_m=median_depth_m, explained=float(1.0 - residual.var() / max(float(force.var()), 1e-30)),
+        frames=int(touching.sum()), depth_at_m=depth, force_n=force, law_m=curve_m,
+        law_n=law[1] * (curve_m / _UNIT_M) ** law[3],
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,6 +149,13 @@ class _Frames:
 
     @classmethod
     def of(cls, session: CalibrationSession, forward: int, normal: FloatArray) -> "_Frames":
+        """Returns the frames that determine a speed.
+
+        Args:
+            session: frames with a force.
+            forward: index of the stage's axis that presses the tissue against the tip.
+            normal: (2,) unit vector of this axis in the base frame.
+        """
         seconds, force = session.seconds, session.force_n @ normal
         middle = session.dome_m - np.median(session.dome_m, axis=0)
         stage, across = session.stage_m[:, forward], middle @ normal
@@ -184,6 +189,7 @@ class _Frames:
 
 
 def _secant(law: FloatArray, depth_m: float) -> float:
+    """Returns the force over the indentation at ``depth_m``, N/m."""
     return float(law[1] * (depth_m / _UNIT_M) ** law[3] / depth_m)
 
 
@@ -200,7 +206,7 @@ def _law(frames: _Frames, angle_std_rad: float) -> tuple[FloatArray, FloatArray]
     turn = math.hypot(angle_std_rad, POSE_STD_RAD)
     share = math.sqrt(min(1.0, INDEPENDENT_HZ * float(np.ptp(frames.seconds)) / len(force)))
     std, found = MIN_FORCE_STD_N, None
-    for _ in range(2):
+    for _ in range(2):  # the second fit uses the noise that the first one found
         root = share / std
 
         def residuals(law: FloatArray, root: float = root) -> FloatArray:
@@ -208,15 +214,12 @@ def _law(frames: _Frames, angle_std_rad: float) -> tuple[FloatArray, FloatArray]
             return np.append(difference, [law[4] / turn, (law[3] - 1.0) / _EXPONENT_STD, law[5] / DELAY_STD_S])
 
         found = least_squares(
-            residuals,
-            law,
-            x_scale=_SCALE,
-            bounds=([-0.02, 0.0, 0.0, 0.5, -0.5, -0.05], [0.02, np.inf, np.inf, 4.0, 0.5, 0.05]),
-            max_nfev=60,
-        )
+            residuals, law, x_scale=_SCALE,
+            bounds=([-0.02, 0.0, 0.0, 0.5, -0.5, -0.05], [0.02, np.inf, np.inf, 4.0, 0.5, 0.05]), max_nfev=60,
+        )  # fmt: skip
         law = np.asarray(found.x, np.float64)
         std = max(MIN_FORCE_STD_N, float(np.std(frames.model_n(law) - force)))
     assert found is not None
-    jacobian = found.jac * _SCALE
+    jacobian = found.jac * _SCALE  # in similar units, so that the pseudo-inverse omits no small unknown
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(_SCALE, _SCALE)
     return law, np.asarray(covariance, np.float64)

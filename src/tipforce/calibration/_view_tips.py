@@ -15,15 +15,13 @@ MAX_INSTANTS = 150
 MAX_GAP_PERIODS = 2.5
 """The tip of the second view is interpolated between frames that are at most this many periods apart."""
 SAME_INSTANT_NS = 1_000_000
+"""Exposures of both views that differ by at most this time need no interpolation."""
 _AXIS_SHARE = 0.1
 """Share of the detected line next to the tip that defines the direction of the catheter there."""
 
 
 def read_tip_pairs(
-    path: Path,
-    views: tuple[str, str],
-    info: SessionInfo,
-    progress: Callable[[float], None] | None = None,
+    path: Path, views: tuple[str, str], info: SessionInfo, progress: Callable[[float], None] | None = None
 ) -> TipPairs:
     """Detects the tip in both views of a recording.
 
@@ -43,31 +41,34 @@ def read_tip_pairs(
     """
     with RecordingReader(path) as reader:
         stamps = [reader.stamps(view) for view in views]
-        step = max(1, -(-len(stamps[0]) // MAX_INSTANTS))
-        rows = np.arange(0, len(stamps[0]), step)
+        stride = max(1, -(-len(stamps[0]) // MAX_INSTANTS))
+        rows = np.arange(0, len(stamps[0]), stride)
         pairs = [_bracket(stamps[1], int(stamps[0][row])) for row in rows]
-        kept = [(int(row), pair) for row, pair in zip(rows, pairs, strict=True) if pair is not None]
-        wanted = [sorted({row for row, _ in kept}), sorted({row for _, (low, high, _) in kept for row in (low, high)})]
-        total, done = sum(map(len, wanted)), 0
+        bracketed = [(int(row), pair) for row, pair in zip(rows, pairs, strict=True) if pair is not None]
+        needed_rows = [
+            sorted({row for row, _ in bracketed}),
+            sorted({row for _, (low, high, _) in bracketed for row in (low, high)}),
+        ]
+        total, detected = sum(map(len, needed_rows)), 0
         tips: list[dict[int, FloatArray]] = [{}, {}]
-        for place, view in enumerate(views):
+        for index, view in enumerate(views):
             detector = SessionDetector(VisionSettings(view=view), info, spread_images(reader, view))
-            for row in wanted[place]:
+            for row in needed_rows[index]:
                 shape = detector.detect(reader.frame_at(row, view).image)
                 if shape.centreline is not None and shape.tip_seen:
                     line = shape.centreline.points
                     axis = line[-1] - line[-1 - max(1, round(_AXIS_SHARE * len(line)))]
-                    tips[place][row] = np.array([line[-1], axis / np.linalg.norm(axis)])
-                done += 1
+                    tips[index][row] = np.array([line[-1], axis / np.linalg.norm(axis)])
+                detected += 1
                 if progress is not None:
-                    progress(done / total)
-    found: list[FloatArray] = []
-    for row, (low, high, share) in kept:
+                    progress(detected / total)
+    both_tips: list[FloatArray] = []
+    for row, (low, high, share) in bracketed:
         if row in tips[0] and low in tips[1] and high in tips[1]:
-            found.append(np.stack([tips[0][row], (1.0 - share) * tips[1][low] + share * tips[1][high]]))
-    both = np.array(found).reshape(-1, 2, 2, 2)
-    axes = both[:, :, 1]
-    return TipPairs(both[:, :, 0], axes / np.linalg.norm(axes, axis=2, keepdims=True))
+            both_tips.append(np.stack([tips[0][row], (1.0 - share) * tips[1][low] + share * tips[1][high]]))
+    tips_and_axes = np.array(both_tips).reshape(-1, 2, 2, 2)
+    axes = tips_and_axes[:, :, 1]
+    return TipPairs(tips_and_axes[:, :, 0], axes / np.linalg.norm(axes, axis=2, keepdims=True))
 
 
 def _bracket(stamps_ns: IntArray, at_ns: int) -> tuple[int, int, float] | None:

@@ -183,17 +183,9 @@ def evaluate(
             )  # fmt: skip
         timing[method.label] = time_per_frame(first.estimator, everything)
     found = Evaluation(
-        dataset=dataset,
-        everything=everything,
-        methods=tuple(methods),
-        results=tuple(results),
-        fitted=fitted,
-        timing=timing,
-        notes=tuple(notes),
-        settings=settings,
-        truth_n=whole_truth_n,
-        bounds=bounds,
-    )
+        dataset=dataset, everything=everything, methods=tuple(methods), results=tuple(results), fitted=fitted,
+        timing=timing, notes=tuple(notes), settings=settings, truth_n=whole_truth_n, bounds=bounds,
+    )  # fmt: skip
     if settings.perturbed_frames is None:
         return found
     return replace(found, perturbed=_perturbed(found, data, settings.perturbed_frames, progress))

@@ -53,55 +53,27 @@ class ProtocolWords:
 
 PROTOCOL_WORDS = {
     "random": ProtocolWords(
-        "random frames",
-        "On random frames",
-        "random frames\n(the thesis's split)",
-        "random frames",
-        "the frames held out",
-    ),
+        "random frames", "On random frames", "random frames\n(the thesis's split)",
+        "random frames", "the frames held out"),
     "thesis": ProtocolWords(
-        "thesis protocol",
-        "Under the thesis's protocol",
-        "thesis protocol\n(random frames)",
-        "the thesis's random split",
-        "the frames held out",
-    ),
+        "thesis protocol", "Under the thesis's protocol", "thesis protocol\n(random frames)",
+        "the thesis's random split", "the frames held out"),
     "blocked": ProtocolWords(
-        "blocks of time",
-        "On blocks of time held out",
-        "blocks of time\nwith a gap",
-        "blocks of time held out",
-        "the block held out",
-    ),
+        "blocks of time", "On blocks of time held out", "blocks of time\nwith a gap",
+        "blocks of time held out", "the block held out"),
     "session": ProtocolWords(
-        "sessions never seen",
-        "On sessions never seen",
-        "whole sessions\nnever seen",
-        "sessions never seen",
-        "all of its frames",
-    ),
+        "sessions never seen", "On sessions never seen", "whole sessions\nnever seen",
+        "sessions never seen", "all of its frames"),
     "standard": ProtocolWords(
-        "standard protocol",
-        "Under the standard protocol (sessions never seen)",
-        "standard protocol\n(sessions never seen)",
-        "sessions never seen",
-        "all of its frames",
-    ),
+        "standard protocol", "Under the standard protocol (sessions never seen)",
+        "standard protocol\n(sessions never seen)", "sessions never seen", "all of its frames"),
     "catheter": ProtocolWords(
-        "new sessions of a known catheter",
-        "On new sessions of a catheter, trained on its first",
-        "new sessions\nof a known catheter",
-        "sessions never seen of a catheter known by one",
-        "all of its frames",
-    ),
+        "new sessions of a known catheter", "On new sessions of a catheter, trained on its first",
+        "new sessions\nof a known catheter", "sessions never seen of a catheter known by one", "all of its frames"),
     AS_SAVED: ProtocolWords(
-        "as saved, new sessions",
-        "As saved, on new sessions",
-        "model as saved,\nnew sessions",
-        "sessions never seen",
-        "all of its frames",
-    ),
-}
+        "as saved, new sessions", "As saved, on new sessions", "model as saved,\nnew sessions",
+        "sessions never seen", "all of its frames"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
