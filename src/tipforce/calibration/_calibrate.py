@@ -295,18 +295,11 @@ def _clock(results: Sequence[SessionResult]) -> list[Quantity]:
     for session in searched:
         offset = session.clock_map
         is_estimated = offset.how == "estimated"
-        quantities.append(
-            Quantity(
-                f"clock offset, {session.name}" if len(results) > 1 else "clock offset",
-                math.nan if offset.how == "refused" else offset.offset_ms,
-                offset.stderr_ms if is_estimated else math.nan,
-                "ms",
-                len(session.stamp_ns),
-                doubt=""
-                if is_estimated
-                else offset.detail or "from the stage's movement, accurate to some milliseconds",
-            )
-        )
+        name = f"clock offset, {session.name}" if len(results) > 1 else "clock offset"
+        value = math.nan if offset.how == "refused" else offset.offset_ms
+        std = offset.stderr_ms if is_estimated else math.nan
+        doubt = "" if is_estimated else offset.detail or "from the stage's movement, accurate to some milliseconds"
+        quantities.append(Quantity(name, value, std, "ms", len(session.stamp_ns), doubt=doubt))
     return quantities
 
 

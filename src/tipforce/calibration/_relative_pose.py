@@ -205,15 +205,13 @@ class _Fit:
 
 
 def _fit(stated: StatedPose, tips: TipPairs, prior: FloatArray, noise_of: _Fit | None) -> _Fit:
-    """Fits the change of the second pose.
+    """Fits the change of the second pose: Gauss-Newton, with Tukey's weights against wrongly detected tips.
 
     Args:
         stated: the cameras.
         tips: the tips.
         prior: (6, 6) covariance of the change about 0.
         noise_of: the fit whose weights and scatter are taken; None: they are found.
-
-    Gauss-Newton with Tukey's weights, which ignore frames with a wrongly detected tip.
     """
     prior_precision = np.linalg.inv(prior)
     slopes = _slopes(stated, tips, np.zeros(6))

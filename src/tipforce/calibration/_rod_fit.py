@@ -406,7 +406,7 @@ class _Problem:
             slope_read = np.zeros((FORCE, _COUNT))
             slope_read[:, _TURN], slope_read[:, _LATE] = -turned[i], rate[i]
             slope_read[:, _TARE : _TARE + FORCE] = -np.eye(FORCE)
-            # normal equations of the frame's own unknowns, which the Schur complement then eliminates
+            # normal equations of the frame's unknowns, which the Schur complement eliminates
             local_matrix = local_slopes.T @ (weight[:, None] * local_slopes)
             local_matrix[:FORCE, :FORCE] += np.eye(FORCE) / force_variance
             local_matrix[FORCE, FORCE] += self._drift[i] ** -2

@@ -21,14 +21,7 @@ from ._statistics import (
     coverage_by_stratum,
     stratum_metrics,
 )
-from ._trust import (
-    AXIS_ANGLE_BINS_DEG,
-    TRUST_FORCE_BINS_N,
-    axis_angle_deg,
-    retention,
-    session_groups,
-    trust_metrics,
-)
+from ._trust import AXIS_ANGLE_BINS_DEG, TRUST_FORCE_BINS_N, axis_angle_deg, retention, session_groups, trust_metrics
 from .report import check_report_folder, report_lines, summary, verdict, write_report
 
 __all__ = [

@@ -14,7 +14,7 @@ LOAD_BINS_N = (0.0, 0.025, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6)
 """Edges of the bins of the measured magnitude in which errors are drawn over the load."""
 
 _LEAST = 10
-"""A bin with fewer samples says nothing."""
+"""A bin with fewer samples is left out: its mean error is too uncertain."""
 
 SENSOR_MAE_N = {
     name: grams_to_newtons(grams)
@@ -54,29 +54,18 @@ def comparison(evaluation: Evaluation) -> dict[str, Any]:
             }
         )
     rows.sort(key=lambda row: row["method"] == Constant.name)
-    return {
-        "protocol": evaluation.strictest,
-        "rows": rows,
-        "sensors": SENSOR_MAE_N,
-        "sensor_source": SENSOR_SOURCE,
-    }
+    return {"protocol": evaluation.strictest, "rows": rows, "sensors": SENSOR_MAE_N, "sensor_source": SENSOR_SOURCE}
 
 
 def _by_load(reference: FloatArray, estimate: FloatArray) -> list[dict[str, Any]]:
     """Returns mean absolute error and bias in each of `LOAD_BINS_N` that has samples with an estimate."""
-    found: list[dict[str, Any]] = []
+    bins: list[dict[str, Any]] = []
     for low, high in pairwise(LOAD_BINS_N):
         inside = (reference >= low) & (reference < high) & np.isfinite(estimate)
         if inside.sum() >= _LEAST:
             error = estimate[inside] - reference[inside]
-            found.append(
-                {
-                    "from_n": low,
-                    "below_n": high,
-                    "mean_n": float(reference[inside].mean()),
-                    "samples": int(inside.sum()),
-                    "mae_n": float(np.abs(error).mean()),
-                    "bias_n": float(error.mean()),
-                }
-            )
-    return found
+            bins.append({
+                "from_n": low, "below_n": high, "mean_n": float(reference[inside].mean()), "samples": int(inside.sum()),
+                "mae_n": float(np.abs(error).mean()), "bias_n": float(error.mean()),
+            })  # fmt: skip
+    return bins

@@ -53,14 +53,10 @@ class Constant(Estimator):
         square = np.outer(known, known)
         covariance = np.where(square, np.cov(np.nan_to_num(force), rowvar=False, bias=True), math.nan)
         self.estimate_ = ForceEstimate(
-            stamp_ns=0,
-            force_n=np.where(known, np.mean(force, axis=0), math.nan),
-            known=known,
-            covariance_n2=covariance,
-            interval_n=np.full((3, 2), math.nan),
-            magnitude_n=float(magnitude.mean()),
+            stamp_ns=0, force_n=np.where(known, np.mean(force, axis=0), math.nan), known=known,
+            covariance_n2=covariance, interval_n=np.full((3, 2), math.nan), magnitude_n=float(magnitude.mean()),
             magnitude_interval_n=np.full(2, math.nan),
-        )
+        )  # fmt: skip
         if progress is not None:
             progress("mean of the labels", 1.0)
         return self.calibrate(dataset)
@@ -107,15 +103,15 @@ class Constant(Estimator):
         """Returns the means and quantiles."""
         if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        a = self.estimate_
+        estimate = self.estimate_
         arrays: dict[str, npt.NDArray[Any]] = {
-            "force_n": a.force_n,
-            "known": a.known,
-            "covariance_n2": a.covariance_n2,
-            "interval_n": a.interval_n,
-            "magnitude_interval_n": a.magnitude_interval_n,
+            "force_n": estimate.force_n,
+            "known": estimate.known,
+            "covariance_n2": estimate.covariance_n2,
+            "interval_n": estimate.interval_n,
+            "magnitude_interval_n": estimate.magnitude_interval_n,
         }
-        return {"magnitude_n": a.magnitude_n}, arrays
+        return {"magnitude_n": estimate.magnitude_n}, arrays
 
     @classmethod
     def from_state(
@@ -128,12 +124,8 @@ class Constant(Estimator):
         """Makes a fitted predictor from the result of `state`; see `Estimator.from_state`."""
         made = cls(_NoSettings.model_validate(dict(settings)))
         made.estimate_ = ForceEstimate(
-            stamp_ns=0,
-            magnitude_n=float(values["magnitude_n"]),
-            force_n=arrays["force_n"],
-            known=arrays["known"],
-            covariance_n2=arrays["covariance_n2"],
-            interval_n=arrays["interval_n"],
+            stamp_ns=0, magnitude_n=float(values["magnitude_n"]), force_n=arrays["force_n"], known=arrays["known"],
+            covariance_n2=arrays["covariance_n2"], interval_n=arrays["interval_n"],
             magnitude_interval_n=arrays["magnitude_interval_n"],
-        )
+        )  # fmt: skip
         return made

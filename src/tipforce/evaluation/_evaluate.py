@@ -163,8 +163,8 @@ def evaluate(
     if settings.samples is not None and "thesis" not in (settings.protocols or ()):
         dataset = random_subset(dataset, settings.samples, settings.seed)
     if truth_n is not None:
-        index = index_in(everything, dataset)
-        truth_n, bounds = truth_n[index], None if bounds is None else bounds.at(index)
+        rows = index_in(everything, dataset)
+        truth_n, bounds = truth_n[rows], None if bounds is None else bounds.at(rows)
     data = ScoredData(dataset, everything, in_contact(dataset, truth_n), truth_n, bounds, settings.seed)
     notes = [*fine_tuning_notes(methods, dataset), *view_notes(methods, dataset)]
     if settings.as_saved:
@@ -175,20 +175,20 @@ def evaluate(
     fitted: dict[str, Predictions] = {}
     timing: dict[str, dict[str, Any]] = {}
     for method in methods:
-        first = next(each for each in results if each.method == method.label).fits[0]
-        if len(index := first.split.train):
+        first_fit = next(each for each in results if each.method == method.label).fits[0]
+        if len(rows := first_fit.split.train):
             fitted[method.label] = collect(
-                method.label, first.protocol, first.split.name, dataset, index,
-                first.estimator.predict(dataset.subset(index)), data.contact,
+                method.label, first_fit.protocol, first_fit.split.name, dataset, rows,
+                first_fit.estimator.predict(dataset.subset(rows)), data.contact,
             )  # fmt: skip
-        timing[method.label] = time_per_frame(first.estimator, everything)
-    found = Evaluation(
+        timing[method.label] = time_per_frame(first_fit.estimator, everything)
+    evaluation = Evaluation(
         dataset=dataset, everything=everything, methods=tuple(methods), results=tuple(results), fitted=fitted,
         timing=timing, notes=tuple(notes), settings=settings, truth_n=whole_truth_n, bounds=bounds,
     )  # fmt: skip
     if settings.perturbed_frames is None:
-        return found
-    return replace(found, perturbed=_perturbed(found, data, settings.perturbed_frames, progress))
+        return evaluation
+    return replace(evaluation, perturbed=_perturbed(evaluation, data, settings.perturbed_frames, progress))
 
 
 def _check_inputs(
@@ -237,7 +237,12 @@ def _run_protocols(
     fits: KeptFits | None,
     executor: Executor | None,
 ) -> list[MethodResult]:
-    """Returns the results of all protocols that the data and methods allow; ``notes`` gets those that were left out."""
+    """Runs all protocols that the data and methods allow; see `evaluate` for the arguments.
+
+    Returns:
+        By protocol the results of the methods in their order, then that of the constant predictor. ``notes`` gets a
+        sentence for each protocol that was left out.
+    """
     thesis_samples = settings.samples or max(method.estimator.thesis_samples for method in methods)
     plans: dict[Protocol, list[Split]] = {}
     reasons: dict[str, InputError] = {}
@@ -257,27 +262,29 @@ def _run_protocols(
         except InputError as error:
             left_out(protocol, error)
             continue
-        alone = len(data.dataset) - sum(len(split.train) + len(split.test) for split in plans[protocol])
-        if protocol == "catheter" and alone:
-            notes.append(f"Protocol catheter passes over {alone} samples of catheters with a single session.")
+        unused = len(data.dataset) - sum(len(split.train) + len(split.test) for split in plans[protocol])
+        if protocol == "catheter" and unused:
+            notes.append(f"Protocol catheter passes over {unused} samples of catheters with a single session.")
     if executor is not None and fits is not None:
         jobs = [(method, split) for plan in plans.values() for method in methods for split in plan]
         fits.fit_elsewhere(jobs, data.dataset, executor, progress or no_progress)
-    total = sum(len(plan) for plan in plans.values()) * len(methods)
-    done = 0
+    total_fits = sum(len(plan) for plan in plans.values()) * len(methods)
+    done_fits = 0
     results: list[MethodResult] = []
     for protocol, plan in plans.items():
         try:
             constant = run_protocol(Method(Constant.name, Constant()), protocol, plan, data)
-            found: list[MethodResult] = []
+            protocol_results: list[MethodResult] = []
             for method in methods:
-                part = _part_of(progress, done / total, len(plan) / total)
-                done += len(plan)
-                found.append(run_protocol(method, protocol, plan, data, constant.predictions, part, fits))
+                part_progress = _part_of(progress, done_fits / total_fits, len(plan) / total_fits)
+                done_fits += len(plan)
+                protocol_results.append(
+                    run_protocol(method, protocol, plan, data, constant.predictions, part_progress, fits)
+                )
         except InputError as error:
             left_out(protocol, error)
         else:
-            results += [*found, constant]
+            results += [*protocol_results, constant]
     if not results:
         raise reasons[next(name for name in PROTOCOLS if name in reasons)]
     return results

@@ -178,7 +178,13 @@ def _ratio(error: FloatArray, bound: FloatArray, use: BoolArray) -> dict[str, fl
 def _values_at(
     dataset: Dataset, values: Mapping[str, tuple[IntArray, FloatArray]], kind: str, remedy: str
 ) -> FloatArray:
-    """Finds for every sample the row of ``values`` (session -> stamps (m,), rows (m, k)) at its stamp.
+    """Finds the value of every sample by session and nearest stamp.
+
+    Args:
+        dataset: n samples.
+        values: session -> stamps (m,) and rows (m, k).
+        kind: name of the values, for messages.
+        remedy: advice for messages.
 
     Returns:
         (n, k); NaN where there is no row within 5 ms.
@@ -188,27 +194,27 @@ def _values_at(
             are more than 0.5 ms off.
     """
     columns = next((rows.shape[1] for _, rows in values.values()), 3)
-    found = np.full((len(dataset), columns), np.nan)
-    for session, (stamps, rows_there) in values.items():
+    matched = np.full((len(dataset), columns), np.nan)
+    for session, (stamps, session_values) in values.items():
         rows = np.flatnonzero(dataset.session == session)
         if not len(rows) or not len(stamps):
             continue
         after = np.clip(np.searchsorted(stamps, dataset.stamp_ns[rows]), 1, max(1, len(stamps) - 1))
         before = after - 1
         after = np.minimum(after, len(stamps) - 1)
-        wanted = dataset.stamp_ns[rows]
-        nearest = np.where(np.abs(stamps[before] - wanted) <= np.abs(stamps[after] - wanted), before, after)
-        apart = np.abs(stamps[nearest] - wanted)
-        near = apart <= _NEAR_NS
-        if near.any() and np.median(apart[near]) > _OWN_NS:
+        sample_ns = dataset.stamp_ns[rows]
+        nearest = np.where(np.abs(stamps[before] - sample_ns) <= np.abs(stamps[after] - sample_ns), before, after)
+        distance_ns = np.abs(stamps[nearest] - sample_ns)
+        is_near = distance_ns <= _NEAR_NS
+        if is_near.any() and np.median(distance_ns[is_near]) > _OWN_NS:
             raise InputError(
                 f"the {kind} of {session} belongs to another recording than that of {dataset.title}: its stamps are "
-                f"{1e-6 * np.median(apart[near]):.1f} ms from those of the samples; {remedy}"
+                f"{1e-6 * np.median(distance_ns[is_near]):.1f} ms from those of the samples; {remedy}"
             )
-        found[rows[near]] = rows_there[nearest[near]]
-    if np.isnan(found).all():
+        matched[rows[is_near]] = session_values[nearest[is_near]]
+    if np.isnan(matched).all():
         ours, theirs = ", ".join(dataset.sessions[:5]), ", ".join(list(values)[:5]) or "none"
         raise InputError(
             f"no sample of {dataset.title} has a {kind}: its sessions are {ours}, the {kind} is of {theirs}; {remedy}"
         )
-    return found
+    return matched

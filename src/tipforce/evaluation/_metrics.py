@@ -71,13 +71,13 @@ def error_metrics(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, 
     newtons = dict.fromkeys(_NEWTON_METRICS, math.nan)
     mse = r2 = of_range = math.nan
     if count:
-        size = np.abs(error)
+        absolute = np.abs(error)
         mse = float(np.mean(error**2))
         newtons = {
-            "mae": float(size.mean()),
+            "mae": float(absolute.mean()),
             "rmse": math.sqrt(mse),
-            "max": float(size.max()),
-            "min": float(size.min()),
+            "max": float(absolute.max()),
+            "min": float(absolute.min()),
             "bias": float(error.mean()),
         }
         variance, spread = float(np.var(reference)), float(np.ptp(reference))
@@ -184,6 +184,7 @@ def score(
 
 
 def _quantity(predictions: Predictions, name: str, seed: int) -> dict[str, Any]:
+    """Returns the metrics of the magnitude or of the component ``name`` over all samples; see `score`."""
     reference, estimate, interval = predictions.column(name)
     ranged = bootstrap_mean(np.abs(estimate - reference), predictions.session, seed=seed)
     return {

@@ -118,24 +118,16 @@ def collect(
     shapes = np.empty(len(index), np.object_)
     shapes[:] = [e.shape for e in estimates]
     return Predictions(
-        method=method,
-        protocol=protocol,
-        index=index,
-        fold=np.full(len(index), fold),
-        session=chosen.session,
-        names=chosen.names,
-        stamp_ns=chosen.stamp_ns,
-        reference_n=chosen.force_n,
-        reference_magnitude_n=chosen.magnitude_n,
-        contact=contact[index],
+        method=method, protocol=protocol, index=index, fold=np.full(len(index), fold), session=chosen.session,
+        names=chosen.names, stamp_ns=chosen.stamp_ns, reference_n=chosen.force_n,
+        reference_magnitude_n=chosen.magnitude_n, contact=contact[index],
         force_n=np.array([e.force_n for e in estimates], dtype=np.float64).reshape(-1, 3),
         magnitude_n=np.array([e.magnitude_n for e in estimates], dtype=np.float64),
         interval_n=np.array([e.interval_n for e in estimates], dtype=np.float64).reshape(-1, 3, 2),
         magnitude_interval_n=np.array([e.magnitude_interval_n for e in estimates], dtype=np.float64).reshape(-1, 2),
         status=np.array([e.status.value for e in estimates], dtype=np.str_),
-        detail=np.array([e.detail for e in estimates], dtype=np.str_),
-        shape=shapes,
-    )
+        detail=np.array([e.detail for e in estimates], dtype=np.str_), shape=shapes,
+    )  # fmt: skip
 
 
 def concatenate(parts: Sequence[Predictions]) -> Predictions:

@@ -166,10 +166,7 @@ class ScoredData:
         if angle is not None and not np.isfinite(angle).any():
             angle = None
         score_of = partial(
-            score,
-            groups=session_groups(self.dataset),
-            base_frame=self.dataset.force_frames == {"base"},
-            seed=self.seed,
+            score, groups=session_groups(self.dataset), base_frame=self.dataset.force_frames == {"base"}, seed=self.seed
         )
         metrics = score_of(
             predictions,
@@ -223,21 +220,21 @@ def run_protocol(
     """
     fits = fits or KeptFits()
     parts: list[Predictions] = []
-    done: list[FittedSplit] = []
+    fitted_splits: list[FittedSplit] = []
     for number, split in enumerate(splits):
-        what = f"{method.label}, {protocol} {number + 1}/{len(splits)}"
+        step = f"{method.label}, {protocol} {number + 1}/{len(splits)}"
 
-        def report(_: str, share: float, *, what: str = what, number: int = number) -> None:
+        def report(_: str, share: float, *, step: str = step, number: int = number) -> None:
             if progress is not None:
-                progress(what, (number + share) / len(splits))
+                progress(step, (number + share) / len(splits))
 
         report("", 0.0)
         fitted, seconds = fits.fit(method, split, data.dataset, report)
-        done.append(FittedSplit(protocol, split, seconds, fitted.describe(), fitted))
+        fitted_splits.append(FittedSplit(protocol, split, seconds, fitted.describe(), fitted))
         parts.append(_predict(fitted, method.label, protocol, split.name, data, split.test))
         report("", 1.0)
-    found = concatenate(parts)
-    return data.result(found, constant or found, done)
+    predictions = concatenate(parts)
+    return data.result(predictions, constant or predictions, fitted_splits)
 
 
 def _predict(fitted: Estimator, label: str, protocol: str, fold: str, data: ScoredData, index: IntArray) -> Predictions:

@@ -24,6 +24,7 @@ UNPERTURBED = "unperturbed"
 CHUNK_FRAMES = 50
 """Number of images in memory at the same time, and in a row for a method with a memory."""
 MIN_STRETCHES = 10
+"""Least number of stretches for a method that remembers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,26 +69,27 @@ def perturbed_metrics(
     ordered = sorted(perturbations, key=lambda each: repr(each.operation))  # an image is predicted once for all labels
     images = [list(group) for _, group in groupby(ordered, key=lambda each: each.operation)]
     plain = Perturbation(UNPERTURBED, "", _unchanged)
-    found: dict[tuple[str, str, str], tuple[list[Predictions], list[Predictions]]] = {
+    # (kind, size, direction) -> predictions of the method and of the constant predictor, one for each part
+    pairs: dict[tuple[str, str, str], tuple[list[Predictions], list[Predictions]]] = {
         (each.kind, each.size, each.way): ([], []) for each in (plain, *perturbations)
     }
     for number, part in enumerate(parts):
-        kept = in_memory(part.samples)
+        samples = in_memory(part.samples)
         for group in ([plain], *images):
-            estimates = estimators[part.fold].predict(perturbed(kept, group[0], data.seed))
+            estimates = estimators[part.fold].predict(perturbed(samples, group[0], data.seed))
             for each in group:
-                labelled = replace(kept, force_n=each.force(kept.force_n))
-                own, others = found[each.kind, each.size, each.way]
-                own.append(_predictions(result, part, labelled, estimates))
-                others.append(_predictions(constant, part, labelled, means[part.fold].predict(labelled)))
+                labelled = replace(samples, force_n=each.force(samples.force_n))
+                method_parts, constant_parts = pairs[each.kind, each.size, each.way]
+                method_parts.append(_predictions(result, part, labelled, estimates))
+                constant_parts.append(_predictions(constant, part, labelled, means[part.fold].predict(labelled)))
         if progress is not None:
             progress(f"{method.label}, perturbed", (number + 1) / len(parts))
     lines: list[dict[str, Any]] = []
-    for (kind, size), keys in groupby(found, key=lambda key: key[:2]):
-        ways = {key[2]: tuple(map(concatenate, found[key])) for key in keys}
-        whole, mean = (concatenate([pair[side] for pair in ways.values()]) for side in (0, 1))
-        apart = [{"way": way, **_metrics(*pair)} for way, pair in ways.items() if way]
-        lines.append({"kind": kind, "size": size, **_metrics(whole, mean), "ways": apart})
+    for (kind, size), keys in groupby(pairs, key=lambda key: key[:2]):
+        ways = {key[2]: tuple(map(concatenate, pairs[key])) for key in keys}
+        all_ways, constant_all = (concatenate([pair[side] for pair in ways.values()]) for side in (0, 1))
+        by_way = [{"way": way, **_metrics(*pair)} for way, pair in ways.items() if way]
+        lines.append({"kind": kind, "size": size, **_metrics(all_ways, constant_all), "ways": by_way})
     return lines
 
 
@@ -124,29 +126,39 @@ def _fitted(
 def _parts(
     predictions: Predictions, data: ScoredData, frames: int, estimators: Mapping[str, Estimator]
 ) -> Iterator[_Part]:
-    """Yields test samples spread over all of them; for a method that remembers, each ends a stretch of its session."""
+    """Yields test samples spread over all of them, in parts of at most `CHUNK_FRAMES` frames of one split and session.
+
+    A method that remembers needs the preceding frames: each of its parts is a stretch of frames in a row. In it the
+    test samples of the split count, each at most once.
+
+    Args:
+        predictions: n predictions of the test samples.
+        data: the samples, and all frames from which they were drawn.
+        frames: number of test samples, or for a method that remembers about that of all frames.
+        estimators: split -> fitted method.
+    """
     remembers = next(iter(estimators.values())).uses_history
-    last = len(predictions) - 1
+    last_position = len(predictions) - 1
     count = min(max(MIN_STRETCHES, frames // CHUNK_FRAMES) if remembers else frames, len(predictions))
     # a stretch that ended with the first sample would be that sample alone
-    places = np.linspace(0, last, count + 1)[1:] if remembers else np.linspace(0, last, count)
-    chosen = np.unique(places.round().astype(np.int64))
+    positions = np.linspace(0, last_position, count + 1)[1:] if remembers else np.linspace(0, last_position, count)
+    chosen = np.unique(positions.round().astype(np.int64))
     if not remembers:
         keys = list(zip(predictions.fold[chosen].tolist(), predictions.session[chosen].tolist(), strict=True))
         for key in dict.fromkeys(keys):
-            own = chosen[[index for index, each in enumerate(keys) if each == key]]
-            for some in np.array_split(own, -(-len(own) // CHUNK_FRAMES)):
-                yield _Part(key[0], data.dataset.subset(predictions.index[some]), np.arange(len(some)))
+            of_key = chosen[[index for index, each in enumerate(keys) if each == key]]
+            for chunk in np.array_split(of_key, -(-len(of_key) // CHUNK_FRAMES)):
+                yield _Part(key[0], data.dataset.subset(predictions.index[chunk]), np.arange(len(chunk)))
         return
     everything = data.everything
-    indices = index_in(everything, data.dataset)[predictions.index]
+    frame_of_sample = index_in(everything, data.dataset)[predictions.index]
     counted = np.empty(0, np.int64)
     for index in chosen.tolist():
         session = np.flatnonzero(everything.session == predictions.session[index])
-        end = int(np.searchsorted(session, indices[index])) + 1
+        end = int(np.searchsorted(session, frame_of_sample[index])) + 1
         stretch = session[max(0, end - CHUNK_FRAMES) : end]
-        own = indices[predictions.fold == predictions.fold[index]]
-        scored = np.flatnonzero(np.isin(stretch, np.setdiff1d(own, counted)))
+        of_key = frame_of_sample[predictions.fold == predictions.fold[index]]
+        scored = np.flatnonzero(np.isin(stretch, np.setdiff1d(of_key, counted)))
         counted = np.union1d(counted, stretch[scored])
         if len(scored):
             yield _Part(str(predictions.fold[index]), everything.subset(stretch), scored)
@@ -162,24 +174,24 @@ def _predictions(
 
 def _metrics(predictions: Predictions, constant: Predictions) -> dict[str, Any]:
     """Returns errors of the valid samples, coverage, the share abstained, and the errors of the constant predictor."""
-    mean = _errors(constant)
-    own = _errors(predictions)
+    constant_errors = _errors(constant)
+    errors = _errors(predictions)
     coverage = interval_metrics(predictions.reference_magnitude_n, predictions.magnitude_interval_n)["coverage"]
     return {
         "samples": len(predictions),
-        **own,
-        "mae_over_constant": own["mae_n"] / mean["mae_n"] if mean["mae_n"] > 0 else None,
+        **errors,
+        "mae_over_constant": errors["mae_n"] / constant_errors["mae_n"] if constant_errors["mae_n"] > 0 else None,
         "coverage": coverage,
         "abstained_share": float(np.mean(~predictions.valid)),
-        "constant": mean,
+        "constant": constant_errors,
     }
 
 
 def _errors(predictions: Predictions) -> dict[str, Any]:
+    """Returns the errors of the magnitude and the RMS error of each component."""
     magnitude = error_metrics(predictions.reference_magnitude_n, predictions.magnitude_n)
     errors: dict[str, Any] = {name: magnitude[name] for name in ("mae_n", "mae_g", "rmse_n")}
     for axis, name in enumerate("xyz"):
-        errors[f"rmse_{name}_n"] = error_metrics(predictions.reference_n[:, axis], predictions.force_n[:, axis])[
-            "rmse_n"
-        ]
+        component = error_metrics(predictions.reference_n[:, axis], predictions.force_n[:, axis])
+        errors[f"rmse_{name}_n"] = component["rmse_n"]
     return errors

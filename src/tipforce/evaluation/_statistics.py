@@ -54,15 +54,16 @@ def bootstrap_mean(
         ``low`` and ``high``, NaN with fewer than `MIN_SESSIONS` sessions; ``sessions``: how many there are.
     """
     use = np.isfinite(values)
-    _, place = np.unique(session[use], return_inverse=True)
-    count = np.bincount(place).astype(np.float64)
-    found: dict[str, Any] = {"low": math.nan, "high": math.nan, "sessions": len(count)}
-    if len(count) < MIN_SESSIONS:
-        return found
-    total = np.bincount(place, weights=values[use])
-    drawn = np.random.default_rng(seed).multinomial(len(count), np.full(len(count), 1 / len(count)), resamples)
-    low, high = np.quantile((drawn @ total) / (drawn @ count), (0.025, 0.975))
-    return found | {"low": float(low), "high": float(high)}
+    _, session_index = np.unique(session[use], return_inverse=True)
+    samples = np.bincount(session_index).astype(np.float64)
+    interval: dict[str, Any] = {"low": math.nan, "high": math.nan, "sessions": len(samples)}
+    if len(samples) < MIN_SESSIONS:
+        return interval
+    sums = np.bincount(session_index, weights=values[use])
+    draws = np.random.default_rng(seed).multinomial(len(samples), np.full(len(samples), 1 / len(samples)), resamples)
+    # a draw states how often each session was taken
+    low, high = np.quantile((draws @ sums) / (draws @ samples), (0.025, 0.975))
+    return interval | {"low": float(low), "high": float(high)}
 
 
 def bland_altman(
@@ -114,17 +115,25 @@ def bland_altman(
 
 
 def _variances(difference: FloatArray, session: npt.NDArray[np.str_]) -> tuple[float, float]:
-    """Returns the variance within and between sessions; with one session, or one sample each, the sample variance."""
-    _, place = np.unique(session, return_inverse=True)
-    size = np.bincount(place).astype(np.float64)
-    groups, count = len(size), len(difference)
-    if groups in (1, count):
+    """Returns the variance within and between sessions; with one session, or one sample each, the sample variance.
+
+    One-way analysis of variance: the mean square between sessions is the variance within them plus
+    ``effective_samples`` (the number of samples a session, for sessions of unequal length) times that between them.
+
+    Args:
+        difference: (n,) differences in newtons.
+        session: (n,) name of each sample's session.
+    """
+    _, session_index = np.unique(session, return_inverse=True)
+    samples = np.bincount(session_index).astype(np.float64)
+    sessions, count = len(samples), len(difference)
+    if sessions in (1, count):
         return float(np.var(difference, ddof=1)), 0.0
-    means = np.bincount(place, weights=difference) / size
-    within = float(np.sum((difference - means[place]) ** 2)) / (count - groups)
-    mean_square = float(np.sum(size * (means - difference.mean()) ** 2)) / (groups - 1)
-    typical = (count - float(np.sum(size**2)) / count) / (groups - 1)
-    return within, max(0.0, (mean_square - within) / typical)
+    session_means = np.bincount(session_index, weights=difference) / samples
+    within = float(np.sum((difference - session_means[session_index]) ** 2)) / (count - sessions)
+    between_square = float(np.sum(samples * (session_means - difference.mean()) ** 2)) / (sessions - 1)
+    effective_samples = (count - float(np.sum(samples**2)) / count) / (sessions - 1)
+    return within, max(0.0, (between_square - within) / effective_samples)
 
 
 def coverage_by_stratum(

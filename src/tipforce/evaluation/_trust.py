@@ -61,16 +61,17 @@ def retention(error_n: FloatArray, uncertainty_n: FloatArray, answered_share: fl
     """
     if not len(error_n):
         return {"abstained_share": [], "mae_n": [], "area_n": math.nan, "best_area_n": math.nan}
-    _, place, counts = np.unique(uncertainty_n, return_inverse=True, return_counts=True)
-    of_equals = np.bincount(place, weights=error_n) / counts
-    count = np.arange(1, len(error_n) + 1)
-    kept_mae = np.cumsum(np.repeat(of_equals, counts)) / count
-    kept = np.maximum(1, np.round(_KEPT * len(error_n))).astype(np.int64)
+    # estimates of equal uncertainty have the mean error of all of these, which is the mean over their random orders
+    _, tie_index, tied = np.unique(uncertainty_n, return_inverse=True, return_counts=True)
+    tie_mean = np.bincount(tie_index, weights=error_n) / tied
+    kept_counts = np.arange(1, len(error_n) + 1)
+    kept_mae = np.cumsum(np.repeat(tie_mean, tied)) / kept_counts
+    shown = np.maximum(1, np.round(_KEPT * len(error_n))).astype(np.int64)
     return {
-        "abstained_share": (1.0 - answered_share * kept / len(error_n)).tolist(),
-        "mae_n": kept_mae[kept - 1].tolist(),
+        "abstained_share": (1.0 - answered_share * shown / len(error_n)).tolist(),
+        "mae_n": kept_mae[shown - 1].tolist(),
         "area_n": float(kept_mae.mean()),
-        "best_area_n": float(np.mean(np.cumsum(np.sort(error_n)) / count)),
+        "best_area_n": float(np.mean(np.cumsum(np.sort(error_n)) / kept_counts)),
     }
 
 
@@ -116,6 +117,7 @@ def trust_metrics(
 
 
 def _by_group(predictions: Predictions, groups: Mapping[str, str], seed: int) -> Sequence[dict[str, Any]]:
+    """Returns the metrics of each group of sessions; see `trust_metrics` for the arguments."""
     group: npt.NDArray[np.str_] = np.array([groups.get(name, "") for name in predictions.session.tolist()], np.str_)
     return [
         {"group": name} | stratum_metrics(predictions.where(group == name), seed=seed)

@@ -103,6 +103,7 @@ def read_calibration(path: Path | str) -> DaqCalibration:
 
 
 def _row(node: ElementTree.Element, path: Path, *, scaled: bool) -> list[float]:
+    """Returns the six values of a row of the matrix, divided by its ``scale`` where ``scaled``."""
     try:
         values = [float(word) for word in node.get("values", "").split()]
         scale = float(node.get("scale", "1")) if scaled else 1.0
@@ -227,17 +228,24 @@ class DaqForce(Driver):
         return self._wrenches(volts, last_ns - round((len(volts) - 1) * period_ns), period_ns)
 
     def _wrenches(self, volts: FloatArray, first_ns: int, period_ns: float) -> Sequence[Event]:
+        """Converts samples to readings; those with a saturated gauge are left out.
+
+        Args:
+            volts: (n, 6) voltages of the gauges.
+            first_ns: time of the first sample on the clock of the host.
+            period_ns: time between samples.
+        """
         low, high = self.calibration.range_v
         middle, half = (low + high) / 2, (high - low) / 2
-        sound = (np.abs(volts - middle) < SATURATED_SHARE * half).all(axis=1)
-        if not sound.all():
-            self.counts["saturated"] += int((~sound).sum())
+        is_unsaturated = (np.abs(volts - middle) < SATURATED_SHARE * half).all(axis=1)
+        if not is_unsaturated.all():
+            self.counts["saturated"] += int((~is_unsaturated).sum())
             self.remark = f"{self._where}: a gauge was saturated: the sensor is overloaded, or a cable is broken"
         values = self.calibration.wrench(volts, self._zero)
-        late = round(self.config.latency_ms * 1e6)
+        latency_ns = round(self.config.latency_ms * 1e6)
         return [
-            Wrench(first_ns + round(row * period_ns) - late, values[row, :3], values[row, 3:], "sensor")
-            for row in np.flatnonzero(sound).tolist()
+            Wrench(first_ns + round(row * period_ns) - latency_ns, values[row, :3], values[row, 3:], "sensor")
+            for row in np.flatnonzero(is_unsaturated).tolist()
         ]
 
     def close(self) -> None:

@@ -101,21 +101,22 @@ class GenICamCamera(Driver):
         return settings
 
     def _set_nodes(self, nodes: Any) -> tuple[Setting, ...]:
+        """Sets the requested features of the camera; returns requested and actual values, also of size and format."""
         wanted = dict(self.config.nodes)
         if self.config.fps is not None:
             wanted.setdefault("AcquisitionFrameRate", self.config.fps)
-        found: list[Setting] = []
+        settings: list[Setting] = []
         for name, value in wanted.items():
             node = getattr(nodes, name, None)
             if node is None:
                 raise DeviceError(f"{self._where}: has no feature {name}; see nodes")
             node.value = value
-            found.append(Setting(name, _plain(value), _plain(node.value)))
+            settings.append(Setting(name, _plain(value), _plain(node.value)))
         for name in ("Width", "Height", "PixelFormat"):
             node = getattr(nodes, name, None)
             if node is not None and name not in wanted:
-                found.append(Setting(name, None, _plain(node.value)))
-        return tuple(found)
+                settings.append(Setting(name, None, _plain(node.value)))
+        return tuple(settings)
 
     def read(self, timeout_s: float) -> Sequence[Event]:
         """Returns the next complete image, copied from the buffer of the producer.
@@ -169,6 +170,14 @@ class GenICamCamera(Driver):
         return None
 
     def _image(self, data: Any, width: int, height: int, form: str) -> Image:
+        """Copies an image of 8 bits out of the producer's buffer, as grey (h, w) or RGB (h, w, 3).
+
+        Args:
+            data: (h w channels,) pixels, uint8.
+            width: width w, px.
+            height: height h, px.
+            form: pixel format by its GenICam name, as "BayerRG8".
+        """
         import cv2
 
         if data.dtype != np.uint8:

@@ -200,22 +200,29 @@ class GrblStage(Driver):
         return tuple(settings)
 
     def _limits_of(
-        self, name: str, axis: AxisConfig, found: Mapping[str, float], settings: list[Setting]
+        self, name: str, axis: AxisConfig, reported: Mapping[str, float], settings: list[Setting]
     ) -> AxisLimits:
-        """Returns the limits of an axis: of each, the lower of the stated value and that of the controller."""
-        place, per_unit = _LETTERS.index(axis.axis), abs(axis.scale)
+        """Returns the limits of an axis: of each, the lower of the stated value and that of the controller.
+
+        Args:
+            name: name of the axis, NAME_UNIT.
+            axis: its config.
+            reported: number -> value of the controller's settings; its axis X, Y, Z, ... has the numbers 110, 111, 112.
+            settings: gets the stated and the actual values.
+        """
+        index, per_unit = _LETTERS.index(axis.axis), abs(axis.scale)
         values: list[float] = []
-        for key, first, per_s, stated in (
+        for key, first_number, per_second, stated in (
             ("max_speed", _SPEED, 60.0, axis.max_speed),
             ("max_acceleration", _ACCELERATION, 1.0, axis.max_acceleration),
         ):
-            number = str(first + place)
-            if number not in found:
+            number = str(first_number + index)
+            if number not in reported:
                 raise DeviceError(f"{self._where}: has no setting ${number}, so no axis {axis.axis}")
-            has = found[number] / per_s / per_unit
-            settings.append(Setting(f"{name}.{key}", stated, has))
-            values.append(has if stated is None else min(stated, has))
-        travel = found.get(str(_TRAVEL + place), math.inf) / per_unit
+            actual = reported[number] / per_second / per_unit
+            settings.append(Setting(f"{name}.{key}", stated, actual))
+            values.append(actual if stated is None else min(stated, actual))
+        travel = reported.get(str(_TRAVEL + index), math.inf) / per_unit
         settings.append(
             Setting(f"{name}.travel", axis.high - axis.low if axis.high - axis.low > travel else None, travel)
         )
@@ -225,6 +232,7 @@ class GrblStage(Driver):
             raise DeviceError(f"{self._where}: {name}: {error}") from None
 
     def _settings_read(self) -> dict[str, float]:
+        """Requests all settings of the controller (``$$``); returns number -> value, in its units."""
         assert self._port is not None
         found: dict[str, float] = {}
 
@@ -238,6 +246,7 @@ class GrblStage(Driver):
         return found
 
     def _await(self, done: Callable[[str], bool], seconds: float, reply: str) -> None:
+        """Processes lines until ``done`` accepts one; raises DeviceError, which names ``reply``, after ``seconds``."""
         assert self._port is not None
         end = time.monotonic() + seconds
         while time.monotonic() < end:
@@ -304,6 +313,17 @@ class GrblStage(Driver):
         self._forget()
 
     def _take_status(self, state: str, fields: str) -> Sequence[Event]:
+        """Processes a status report ``<state|fields>``.
+
+        GRBL reports the work position (WPos), or the machine position (MPos) whose offset (WCO) it sends only at times.
+
+        Args:
+            state: state of the controller, as "Idle".
+            fields: the other fields, as "MPos:0.000,1.000,0.000|FS:0,0".
+
+        Returns:
+            The positions, an event for each stream; none for a report that cannot be read.
+        """
         values: dict[str, list[float]] = {}
         for part in fields.split("|"):
             key, colon, numbers = part.partition(":")
@@ -319,17 +339,17 @@ class GrblStage(Driver):
             self.alarm = ""
         self.state = state
         self._work_offset = values.get("WCO", self._work_offset)
-        place = values.get("WPos")
-        if place is None and "MPos" in values:
+        position = values.get("WPos")
+        if position is None and "MPos" in values:
             offset = self._work_offset or [0.0] * len(values["MPos"])
-            place = [m - o for m, o in zip(values["MPos"], offset, strict=False)]
-        if place is None or len(place) <= max(_LETTERS.index(axis.axis) for axis in self.config.axes.values()):
+            position = [m - o for m, o in zip(values["MPos"], offset, strict=False)]
+        if position is None or len(position) <= max(_LETTERS.index(axis.axis) for axis in self.config.axes.values()):
             self.counts["malformed"] += 1
             return ()
         assert self._clock is not None
         self._position_ns = self._clock.now_ns() - round(self.config.latency_ms * 1e6)
         self._positions = {
-            name: place[_LETTERS.index(axis.axis)] / axis.scale for name, axis in self.config.axes.items()
+            name: position[_LETTERS.index(axis.axis)] / axis.scale for name, axis in self.config.axes.items()
         }
         if self._course is not None:
             self._course.read(self._positions, time.monotonic() - 1e-3 * self.config.latency_ms)
@@ -368,26 +388,29 @@ class GrblStage(Driver):
     def _goes_on(self) -> bool:
         """Returns whether every axis continues in its present direction to its new target."""
         for name, target in self._pending.items():
-            going = self._sent.get(name, self._positions[name])
-            if (target - going) * (going - self._positions[name]) < 0:
+            present_target = self._sent.get(name, self._positions[name])
+            if (target - present_target) * (present_target - self._positions[name]) < 0:
                 return False
         return True
 
     def _course_line(self, places: Mapping[str, float], seconds: float) -> str:
-        """Returns a jog to ``places`` that takes ``seconds`` at constant speed."""
-        before, self._sent = {**self._positions, **self._sent}, dict(places)
+        """Returns a jog to ``places`` (position by axis, in its unit) that takes ``seconds`` at constant speed."""
+        start, self._sent = {**self._positions, **self._sent}, dict(places)
         scales = {name: self.config.axes[name].scale for name in places}
-        length = math.hypot(*((places[name] - before[name]) * scale for name, scale in scales.items()))
-        words = " ".join(f"{self.config.axes[name].axis}{places[name] * scale:.4f}" for name, scale in scales.items())
-        return f"$J=G90 G21 {words} F{max(1.0, 60.0 * length / seconds):.1f}\n"
+        length = math.hypot(*((places[name] - start[name]) * scale for name, scale in scales.items()))
+        axis_words = " ".join(
+            f"{self.config.axes[name].axis}{places[name] * scale:.4f}" for name, scale in scales.items()
+        )
+        return f"$J=G90 G21 {axis_words} F{max(1.0, 60.0 * length / seconds):.1f}\n"
 
     def _jog(self) -> None:
+        """Sends the pending targets as one straight jog, at the largest feed rate within all speed limits."""
         assert self._port is not None
-        ends = {**self._positions, **self._sent}
-        steps = {name: abs(target - ends[name]) for name, target in self._pending.items()}
+        previous_targets = {**self._positions, **self._sent}
+        steps = {name: abs(target - previous_targets[name]) for name, target in self._pending.items()}
         moving = {name: step for name, step in steps.items() if step > 0}
         self._sent |= self._pending
-        words = [
+        axis_words = [
             f"{self.config.axes[name].axis}{target * self.config.axes[name].scale:.4f}"
             for name, target in self._pending.items()
         ]
@@ -395,12 +418,13 @@ class GrblStage(Driver):
         if not moving:
             return
         # on the straight line each axis has its share of the feed rate: the slowest axis limits it
-        machine = {name: step * abs(self.config.axes[name].scale) for name, step in moving.items()}
-        whole = math.hypot(*machine.values())
+        machine_steps = {name: step * abs(self.config.axes[name].scale) for name, step in moving.items()}
+        path_length = math.hypot(*machine_steps.values())
         feed = 60.0 * min(
-            self.limits[name].max_speed * abs(self.config.axes[name].scale) * whole / machine[name] for name in moving
+            self.limits[name].max_speed * abs(self.config.axes[name].scale) * path_length / machine_steps[name]
+            for name in moving
         )
-        line = f"$J=G90 G21 {' '.join(words)} F{feed:.1f}"
+        line = f"$J=G90 G21 {' '.join(axis_words)} F{feed:.1f}"
         self._unanswered_jog, self._jog_sent_s = line, time.monotonic()
         self._port.write(line.encode() + b"\n")
 

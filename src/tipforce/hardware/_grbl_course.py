@@ -79,22 +79,22 @@ class CourseStream:
         return False
 
     def read(self, places: Mapping[str, float], now_s: float) -> None:
-        """Updates the estimate of the lateness.
+        """Updates the estimate of the lateness: position error = speed x lateness, least squares over axes and time.
 
         Args:
             places: position of each axis, by name, in its own unit.
             now_s: time of these positions, on the clock of ``start_s``.
         """
-        at_s = now_s - self._start_s
+        course_s = now_s - self._start_s
         seconds, self._read_s = (0.0 if self._read_s is None else now_s - self._read_s), now_s
-        if at_s < SEGMENT_S:
+        if course_s < SEGMENT_S:
             return
-        wanted, before, after = (self._course(at_s + side) for side in (0.0, -SEGMENT_S, SEGMENT_S))
-        behind = power = 0.0
-        for axis, place in wanted.items():
+        wanted, before, after = (self._course(course_s + side) for side in (0.0, -SEGMENT_S, SEGMENT_S))
+        late_power = power = 0.0
+        for axis, wanted_position in wanted.items():
             speed = (after[axis] - before[axis]) / (2.0 * SEGMENT_S)
-            behind += (place - places[axis]) * speed
+            late_power += (wanted_position - places[axis]) * speed
             power += speed * speed
         share = -math.expm1(-seconds / LATENESS_TIME_CONSTANT_S)
         self._power += share * (power - self._power)
-        self.late_s += share * (behind - self.late_s * power) / max(self._power, MIN_POWER)
+        self.late_s += share * (late_power - self.late_s * power) / max(self._power, MIN_POWER)

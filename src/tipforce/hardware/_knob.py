@@ -111,6 +111,7 @@ class SerialKnob(Driver):
         return ()
 
     def _value(self, line: str) -> float | None:
+        """Returns the angle in the unit of ``quantity``; None for a line that is no number or out of range."""
         if not _NUMBER.fullmatch(line):
             self.counts["malformed"] += 1
             return None

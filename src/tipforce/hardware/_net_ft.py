@@ -120,20 +120,20 @@ class RdtCheck:
         if len(packet) != RDT_REPLY.size:
             self._count("malformed")
             return None
-        rdt, ft, status, *counts = RDT_REPLY.unpack(packet)
-        if self._last is not None and self._asked_anew and self._step(rdt) <= 0:
+        sequence, ft_sequence, status, *counts = RDT_REPLY.unpack(packet)
+        if self._last is not None and self._asked_anew and self._step(sequence) <= 0:
             self._last = None
             self._missing.clear()
             self._count("restarts")
         self._asked_anew = False
         if self._last is not None:
-            step = self._step(rdt)
+            step = self._step(sequence)
             if step < -MAX_BACKWARD_STEP:
                 self._last = None
                 raise DeviceError("the Net F/T box counts its packets anew: it was restarted, or somebody else uses it")
             if step <= 0:
-                if rdt in self._missing:
-                    self._missing.discard(rdt)
+                if sequence in self._missing:
+                    self._missing.discard(sequence)
                     self._counts["lost"] -= 1
                     self._count("late")
                 else:
@@ -141,11 +141,13 @@ class RdtCheck:
                 return None
             if step > 1:
                 self._count("lost", step - 1)
-                self._missing |= {(rdt - back) % (1 << 32) for back in range(1, min(step, MAX_BACKWARD_STEP))}
+                self._missing |= {(sequence - back) % (1 << 32) for back in range(1, min(step, MAX_BACKWARD_STEP))}
                 if len(self._missing) > 2 * MAX_BACKWARD_STEP:
-                    self._missing = {each for each in self._missing if (rdt - each) % (1 << 32) <= MAX_BACKWARD_STEP}
-        frozen = self._last is not None and ft == self._last[1]
-        self._last = rdt, ft
+                    self._missing = {
+                        missing for missing in self._missing if (sequence - missing) % (1 << 32) <= MAX_BACKWARD_STEP
+                    }
+        frozen = self._last is not None and ft_sequence == self._last[1]
+        self._last = sequence, ft_sequence
         if status:
             self._count("status")
             self.status = status
@@ -153,7 +155,7 @@ class RdtCheck:
         if frozen:
             self._count("frozen")
             return None
-        return rdt, tuple(counts)
+        return sequence, tuple(counts)
 
     def restart(self) -> None:
         """Notes the request for a new stream, whose packets may count from any number."""
@@ -216,14 +218,14 @@ class NetFt(Driver):
         self._scale = np.repeat([force / counts[0], torque / counts[1]], 3)
         self._clock, self._map, self._check = clock, ArrivalClock(), RdtCheck(self.counts)
         self._zero = None
-        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        udp_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-            made.connect((self.config.host, self.config.port))  # packets from other hosts are ignored
+            udp_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+            udp_socket.connect((self.config.host, self.config.port))  # packets from other hosts are ignored
         except OSError as error:
-            made.close()
+            udp_socket.close()
             raise DeviceError(f"{self._where}: {error.strerror or error}") from None
-        self._socket = made
+        self._socket = udp_socket
         if self.config.bias:
             self._send(BIAS)
         self._send(STREAM)
@@ -273,6 +275,15 @@ class NetFt(Driver):
             raise DeviceError(f"{self._where}: {error.strerror or error}") from None
 
     def _wrench(self, packet: bytes, arrival_ns: int) -> Wrench | None:
+        """Converts a packet to a reading; None where it gives none.
+
+        The stamp is the packet's number over the rate, brought to the clock of the host by the packets with the least
+        delay. After a restart of the count this map begins again.
+
+        Args:
+            packet: a reply of the box.
+            arrival_ns: time of its arrival on the clock of the host.
+        """
         restarts = self.counts["restarts"]
         taken = self._check.take(packet)
         if self.counts["restarts"] > restarts:
@@ -290,6 +301,7 @@ class NetFt(Driver):
         return Wrench(stamp, values[:3], values[3:], "sensor")
 
     def _silent(self, now_ns: int) -> None:
+        """Requests the stream again after a short silence; raises DeviceError after `MAX_SILENCE_S`."""
         if now_ns - self._heard_ns > MAX_SILENCE_S * 1e9:
             self.counts["silences"] += 1
             raise DeviceError(
@@ -327,6 +339,7 @@ class NetFt(Driver):
             raise DeviceError(f"{self._where}: {error.strerror or error}") from None
 
     def _configuration(self) -> dict[str, str]:
+        """Reads the configuration of the box by HTTP; returns tag -> text."""
         url = f"http://{self.config.host}:{self.config.http_port}/netftapi2.xml"
         try:
             with urllib.request.urlopen(url, timeout=_HTTP_S) as reply:

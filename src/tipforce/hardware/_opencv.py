@@ -25,6 +25,8 @@ MIN_STAMPED_IMAGES = 5
 """Number of successive images with such a stamp after which the stamps of the driver are used."""
 _UNUSABLE = -1
 """Count of valid stamps after an invalid one: the stamps are not used again before the camera is connected anew."""
+DELAY_SHARE = 0.02
+"""Weight of a new image in the mean delay: the mean is over the last 50 images."""
 MIN_SLEEP_NS = 50_000_000
 """Smallest jump of the clock of the host against the monotonic one, which stops in Linux while the computer sleeps."""
 
@@ -125,15 +127,9 @@ class OpenCvCamera(Driver):
         self._stream: NetworkStream | None = None
         if open_capture is None and isinstance(config.device, str) and "://" in config.device:
             self._stream = NetworkStream(
-                config.device,
-                view,
-                self._where,
-                self.counts,
-                grey=config.grey,
-                deinterlace=config.deinterlace,
-                latency_ns=round(config.latency_ms * 1e6),
-                options={},
-            )
+                config.device, view, self._where, self.counts, grey=config.grey, deinterlace=config.deinterlace,
+                latency_ns=round(config.latency_ms * 1e6), options={},
+            )  # fmt: skip
 
     @property
     def streams(self) -> tuple[DeclaredStream, ...]:
@@ -233,7 +229,7 @@ class OpenCvCamera(Driver):
         age_s = time.monotonic() - taken_s
         if not self._trusts_stamps(age_s):
             return None
-        self._delay_s += 0.02 * (age_s - self._delay_s)
+        self._delay_s += DELAY_SHARE * (age_s - self._delay_s)
         ahead_ns = monotonic_to(self._clock)
         if ahead_ns - self._host_ahead_ns > MIN_SLEEP_NS:
             self._awake_ns = self._clock.now_ns()
@@ -280,6 +276,7 @@ class OpenCvCamera(Driver):
         return f"hardware.{self.name}: camera {self.config.device}"
 
     def _opened(self) -> Any:
+        """Opens the camera with OpenCV; on Linux with V4L2, whose wait for an image is limited."""
         import cv2
 
         device = self.config.device

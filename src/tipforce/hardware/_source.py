@@ -136,6 +136,10 @@ class _Device:
             self._source.wake()
 
     def _connect_again_and_again(self) -> None:
+        """Connects the device and reads it until the source stops or the device ends.
+
+        A lost device is connected again. The pause before it doubles until readings have come again.
+        """
         stopped, wait_s = self._source.stopped, MIN_WAIT_S
         while not stopped.is_set():
             before, failed = self._source.taken_from(self.driver), None
@@ -284,6 +288,7 @@ class HardwareSource:
             yield event
 
     def _next(self) -> Event | None:
+        """Waits for the event that arrived first; None at the end. Raises the error of a thread that has failed."""
         with self._changed:
             while True:
                 for device in self._devices:
@@ -317,21 +322,16 @@ class HardwareSource:
             return tuple(self._health_of(device, now, force) for device in self._devices)
 
     def _health_of(self, device: _Device, now_ns: int, force_remark: str) -> DeviceHealth:
+        """Returns the health of a device; ``force_remark``, on implausible forces, is the message of a force sensor."""
         driver = device.driver
         clocks = driver.clocks()
         streams = tuple(
             StreamHealth(
-                declared,
-                stream.meter.rate_hz(now_ns),
-                stream.meter.count,
-                stream.dropped,
-                stream.unsorted,
-                stream.meter.age_s(now_ns),
-                clocks.get(declared.name, ClockReport()),
+                declared, stream.meter.rate_hz(now_ns), stream.meter.count, stream.dropped, stream.unsorted,
+                stream.meter.age_s(now_ns), clocks.get(declared.name, ClockReport()),
             )
-            for declared in driver.streams
-            for stream in (self._streams[declared.name],)
-        )
+            for declared in driver.streams for stream in (self._streams[declared.name],)
+        )  # fmt: skip
         return DeviceHealth(
             driver.name, device.state, device.connections, device.settings, dict(driver.counts),
             device.message or driver.remark or force_remark * any(s.stream.kind == "wrench" for s in streams), streams,

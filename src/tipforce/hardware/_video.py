@@ -64,15 +64,9 @@ class Video(Driver):
         super().__init__(f"cameras.{view}")
         self.config, self.view = config, view
         self._stream = NetworkStream(
-            config.source,
-            view,
-            self._where,
-            self.counts,
-            grey=config.grey,
-            deinterlace=config.deinterlace,
-            latency_ns=round(config.latency_ms * 1e6),
-            options=config.options,
-        )
+            config.source, view, self._where, self.counts, grey=config.grey, deinterlace=config.deinterlace,
+            latency_ns=round(config.latency_ms * 1e6), options=config.options,
+        )  # fmt: skip
         self._frames: Iterator[tuple[int, Any]] = iter(())
         self._pending: tuple[int, Any] | None = None
         self._clock: Clock | None = None
@@ -112,6 +106,7 @@ class Video(Driver):
         return () if frame is None else (frame,)
 
     def _played(self, timeout_s: float) -> Sequence[Event]:
+        """Returns the next image of a file when it is due; nothing if that is later than ``timeout_s`` from now."""
         assert self._clock is not None
         if self._pending is None:
             self._pending = next(self._frames, None)

@@ -239,7 +239,7 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
             f"{name}-fig23b",
             "Thesis fig. 23(b): on the line y = x the estimate equals the sensor's force.",
             figure_23b(panels),
-        ),
+        )
     ]
     if method in evaluation.fitted:
         fitted = evaluation.fitted[method]

@@ -26,14 +26,10 @@ def figure_comparison(compared: Mapping[str, Any]) -> Figure:
             constant, again = row["method"] == Constant.name, number >= len(METHOD_COLOURS)
             for axes, key in ((left, "mae_n"), (right, "bias_n")):
                 axes.plot(
-                    [part["mean_n"] for part in row["by_load"]],
-                    [part[key] for part in row["by_load"]],
-                    color=GREY if constant else colour,
-                    linestyle="--" if constant else "-." if again else "-",
-                    marker=None if constant else marker,
-                    markersize=5,
-                    label="constant predictor" if constant else row["method"],
-                )
+                    [part["mean_n"] for part in row["by_load"]], [part[key] for part in row["by_load"]], markersize=5,
+                    color=GREY if constant else colour, linestyle="--" if constant else "-." if again else "-",
+                    marker=None if constant else marker, label="constant predictor" if constant else row["method"],
+                )  # fmt: skip
         sensors = sorted(compared["sensors"].items(), key=lambda pair: pair[1])
         for (name, error), dashes in zip(sensors, ((1, 2), (3, 2), (5, 2), (8, 2)), strict=False):
             left.axhline(error, color=INK, linewidth=1.0, linestyle=(0, dashes), label=f"{name}, sensor in the tip")

@@ -88,34 +88,23 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
             "strictest_protocol": evaluation.strictest,
             "notes": [*evaluation.notes, *(evaluation.bounds.notes if evaluation.bounds else ())],
             "data": {
-                "title": data.title,
-                "samples": len(data),
-                "samples_before_drawing": len(evaluation.everything),
-                "sessions": data.sessions,
-                "views": _views(evaluation),
+                "title": data.title, "samples": len(data), "samples_before_drawing": len(evaluation.everything),
+                "sessions": data.sessions, "views": _views(evaluation),
                 "known": [axis for axis, known in zip("xyz", data.known.tolist(), strict=True) if known],
-                "force_min_n": data.magnitude_n.min(),
-                "force_max_n": data.magnitude_n.max(),
-                "force_mean_n": data.magnitude_n.mean(),
-                "fingerprint": evaluation.everything.fingerprint(),
+                "force_min_n": data.magnitude_n.min(), "force_max_n": data.magnitude_n.max(),
+                "force_mean_n": data.magnitude_n.mean(), "fingerprint": evaluation.everything.fingerprint(),
                 "truth": evaluation.truth_n is not None,
             },
             "cramer_rao_bound": _bound(evaluation),
             "comparison": comparison(evaluation) if evaluation.settings.compare else None,
             "perturbed": evaluation.perturbed or None,
-            "seed": evaluation.settings.seed,
-            "samples": evaluation.settings.samples,
-            "folds": evaluation.settings.folds,
-            "every": evaluation.settings.every,
-            "confidence": {
-                "method": "percentile bootstrap of whole sessions, 95 %",
-                "sessions_at_least": MIN_SESSIONS,
-            },
+            "seed": evaluation.settings.seed, "samples": evaluation.settings.samples,
+            "folds": evaluation.settings.folds, "every": evaluation.settings.every,
+            "confidence": {"method": "percentile bootstrap of whole sessions, 95 %", "sessions_at_least": MIN_SESSIONS},
             "results": [_result(each, evaluation) for each in evaluation.results],
             "methods": {
                 method.label: {
-                    "method": method.estimator.name,
-                    "settings": method.estimator.settings.model_dump(mode="json"),
+                    "method": method.estimator.name, "settings": method.estimator.settings.model_dump(mode="json"),
                     "saved_model": method.saved is not None,
                     "interval_basis": _interval_basis(evaluation, method.label),
                     "time_per_frame": evaluation.timing[method.label],
@@ -128,7 +117,7 @@ def summary(evaluation: Evaluation, command: str = "") -> dict[str, Any]:
             "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
             "machine": f"{platform.system()} {platform.machine()}",
         }
-    )
+    )  # fmt: skip
 
 
 def _bound(evaluation: Evaluation) -> dict[str, Any] | None:

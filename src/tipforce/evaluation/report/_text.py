@@ -96,20 +96,10 @@ def report_lines(metrics: dict[str, Any]) -> list[str]:
         scores = result["against_sensor"]
         m = scores["quantities"]["magnitude"]
         name = "constant predictor" if result["method"] == Constant.name else result["method"]
-        table.append(
-            (
-                f"  {name}",
-                grams(m["mae_g"]),
-                mn(m["mae_n"]),
-                interval(m["mae_ci95_n"]),
-                mn(m["rmse_n"]),
-                mn(m["max_n"]),
-                mn(m["bias_n"]),
-                fixed(m["r2"], 2),
-                share(m["coverage"]),
-                share(scores["abstained_share"]),
-            )
-        )
+        table.append((
+            f"  {name}", grams(m["mae_g"]), mn(m["mae_n"]), interval(m["mae_ci95_n"]), mn(m["rmse_n"]), mn(m["max_n"]),
+            mn(m["bias_n"]), fixed(m["r2"], 2), share(m["coverage"]), share(scores["abstained_share"]),
+        ))  # fmt: skip
     first = max(len(cells[0]) for cells in table)
     lines = [_line(_HEAD, first), *(_line(cells, first) for cells in table)]
     return [
@@ -157,17 +147,10 @@ def _thesis_lines(metrics: dict[str, Any]) -> list[str]:
         table: list[tuple[str, ...]] = []
         for name, row in beside["rows"].items():
             directions = row["by_direction"]
-            table.append(
-                (
-                    f"  {name}",
-                    "–" if "force_min_n" not in row else f"{newtons(row['force_min_n'])}-{newtons(row['force_max_n'])}",
-                    *(mn(row.get(key)) for key in ("mae_n", "min_error_n", "max_error_n")),
-                    *(
-                        ", ".join(mn(each[key]) for each in directions.values()) or "–"
-                        for key in ("rmse_n", "max_error_n")
-                    ),
-                )
-            )
+            forces = "–" if "force_min_n" not in row else f"{newtons(row['force_min_n'])}-{newtons(row['force_max_n'])}"
+            errors = (mn(row.get(key)) for key in ("mae_n", "min_error_n", "max_error_n"))
+            by_axis = ([mn(each[key]) for each in directions.values()] for key in ("rmse_n", "max_error_n"))
+            table.append((f"  {name}", forces, *errors, *(", ".join(values) or "–" for values in by_axis)))
         first = max(len(cells[0]) for cells in table)
         heads = tuple(max((row[k] for row in (_BESIDE_THESIS, *table)), key=len) for k in range(len(_BESIDE_THESIS)))
         lines += [

@@ -107,6 +107,7 @@ class GrblEmulator(PtyDevice):
             self._obey(line)
 
     def _reset(self) -> None:
+        """Discards all moves; GRBL raises alarm 3 where it moved, because the position may be lost."""
         moving = self._state == "Jog"
         self._queue.clear()
         self._lines.clear()
@@ -120,6 +121,7 @@ class GrblEmulator(PtyDevice):
             self._say("[MSG:'$H'|'$X' to unlock]")
 
     def _obey(self, line: str) -> None:
+        """Executes a line and responds "ok" or an error of GRBL (9: locked, 20: unknown command)."""
         if line == "$$":
             for number, value in self.settings.items():
                 self._say(f"${number}={value:g}" if float(value).is_integer() else f"${number}={value:.3f}")
@@ -144,6 +146,11 @@ class GrblEmulator(PtyDevice):
         self._say("ok")
 
     def _jog(self, words: str) -> int | None:
+        """Queues a move; returns None, or the error of GRBL (22: no feed rate, 15: beyond the soft limits).
+
+        Args:
+            words: targets in work coordinates, mm, and feed rate, mm/min, as "G90 G21 X1.5 F300".
+        """
         target = list(self._queue[-1][0] if self._queue else self.place)
         feed = 0.0
         for word in words.split():
@@ -171,23 +178,30 @@ class GrblEmulator(PtyDevice):
             self._obey_what_fits()
 
     def _move(self, seconds: float) -> None:
+        """Moves along the first queued move for a time step, with a speed from which it can still brake at its end."""
         target, feed = self._queue[0]
-        way = [end - here for end, here in zip(target, self.place, strict=True)]
-        length = math.hypot(*way)
-        share = [abs(each) / length if length else 0.0 for each in way]
-        brake, top = self._limits_along(share, feed)
-        leaving = self._leaving_speed(way, length)
-        stopping = 0.0 if self._braking else math.sqrt(leaving * leaving + 2 * brake * length)
-        self._speed = max(min(self._speed + brake * seconds, top, stopping), self._speed - brake * seconds, 0.0)
+        remaining = [end - here for end, here in zip(target, self.place, strict=True)]
+        remaining_mm = math.hypot(*remaining)
+        share = [abs(component) / remaining_mm if remaining_mm else 0.0 for component in remaining]
+        acceleration, max_speed = self._limits_along(share, feed)
+        end_speed = self._leaving_speed(remaining, remaining_mm)
+        braking_speed = 0.0 if self._braking else math.sqrt(end_speed * end_speed + 2 * acceleration * remaining_mm)
+        self._speed = max(
+            min(self._speed + acceleration * seconds, max_speed, braking_speed),
+            self._speed - acceleration * seconds,
+            0.0,
+        )
         self.peak_mm_s = max(self.peak_mm_s, self._speed)
-        ahead = min(self._speed * seconds, length)
-        if length:
-            self.place = [here + each * ahead / length for here, each in zip(self.place, way, strict=True)]
+        step_mm = min(self._speed * seconds, remaining_mm)
+        if remaining_mm:
+            self.place = [
+                here + component * step_mm / remaining_mm for here, component in zip(self.place, remaining, strict=True)
+            ]
         if self._braking and self._speed <= 0:
             self._queue.clear()
             self._braking, self._state = False, "Idle"
-        elif length - ahead < 1e-3:
-            self.place, self._speed = list(target), min(self._speed, leaving)
+        elif remaining_mm - step_mm < 1e-3:
+            self.place, self._speed = list(target), min(self._speed, end_speed)
             self._queue.popleft()
             if not self._queue:
                 self._state, self._braking = "Idle", False

@@ -124,6 +124,7 @@ class NetFtEmulator:
         self.rdt, self._ft, self._peer = 0, 0, None
 
     def _listen(self) -> None:
+        """Executes the requests of clients: start, stop and zero of the stream."""
         while not self._stopped.is_set():
             try:
                 request, peer = self._socket.recvfrom(64)
@@ -143,6 +144,7 @@ class NetFtEmulator:
                 self.biased += 1
 
     def _send(self) -> None:
+        """Sends packets at the stated rate until the box stops; applies the faults to them."""
         held: bytes | None = None
         zero, done = time.monotonic(), 0
         while not self._stopped.is_set():
@@ -179,6 +181,7 @@ class NetFtEmulator:
             held = None
 
     def _packet(self, seconds: float) -> bytes:
+        """Returns the packet at ``seconds`` since the start; its F/T sequence counts the box's inner rate of 7 kHz."""
         if not self.faults.frozen:
             self._ft = (self._ft + round(7000 / self.rate_hz)) % (1 << 32)
         if self.faults.status:
