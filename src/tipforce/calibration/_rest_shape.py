@@ -67,7 +67,7 @@ def fit_rest_shape(
     for line, knob_per_m in zip(lines, knob_curvature_per_m.tolist(), strict=True):
         distance_m = model.flexible_m + model.rigid_m - line.from_tip
         angle_rad = np.unwrap(np.arctan2(-line.normals[:, 0], line.normals[:, 1]))
-        # direction = angle at the clamp + turns by the knots' curvatures; the angle at the clamp is not used further
+        # unknowns: angle at the clamp, which is not used further, and the knots' curvatures, which turn the line
         design = _turns(distance_m, model.flexible_m)
         curvature_by_angle = np.linalg.pinv(np.column_stack([np.ones(len(design)), design]))[1:]
         curvatures.append(curvature_by_angle @ angle_rad - knob_per_m)

@@ -157,8 +157,8 @@ def _parts(
         session = np.flatnonzero(everything.session == predictions.session[index])
         end = int(np.searchsorted(session, frame_of_sample[index])) + 1
         stretch = session[max(0, end - CHUNK_FRAMES) : end]
-        of_key = frame_of_sample[predictions.fold == predictions.fold[index]]
-        scored = np.flatnonzero(np.isin(stretch, np.setdiff1d(of_key, counted)))
+        fold_frames = frame_of_sample[predictions.fold == predictions.fold[index]]
+        scored = np.flatnonzero(np.isin(stretch, np.setdiff1d(fold_frames, counted)))
         counted = np.union1d(counted, stretch[scored])
         if len(scored):
             yield _Part(str(predictions.fold[index]), everything.subset(stretch), scored)

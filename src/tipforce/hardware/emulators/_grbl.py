@@ -183,13 +183,11 @@ class GrblEmulator(PtyDevice):
         remaining = [end - here for end, here in zip(target, self.place, strict=True)]
         remaining_mm = math.hypot(*remaining)
         share = [abs(component) / remaining_mm if remaining_mm else 0.0 for component in remaining]
-        acceleration, max_speed = self._limits_along(share, feed)
+        ramp, max_speed = self._limits_along(share, feed)
         end_speed = self._leaving_speed(remaining, remaining_mm)
-        braking_speed = 0.0 if self._braking else math.sqrt(end_speed * end_speed + 2 * acceleration * remaining_mm)
+        braking_speed = 0.0 if self._braking else math.sqrt(end_speed * end_speed + 2 * ramp * remaining_mm)
         self._speed = max(
-            min(self._speed + acceleration * seconds, max_speed, braking_speed),
-            self._speed - acceleration * seconds,
-            0.0,
+            min(self._speed + ramp * seconds, max_speed, braking_speed), self._speed - ramp * seconds, 0.0
         )
         self.peak_mm_s = max(self.peak_mm_s, self._speed)
         step_mm = min(self._speed * seconds, remaining_mm)
