@@ -369,7 +369,8 @@ def _mass(results: Sequence[SessionResult]) -> list[Quantity]:
         for gain, std in zip(each.session.inertia.gain_kg, each.session.mass_std_kg.tolist(), strict=True):
             masses.append(float(np.linalg.norm(gain)))
             stds.append(std)
-            frames = len(each.session.stamp_ns)
+        if len(each.session.inertia.gain_kg):
+            frames += len(each.session.stamp_ns)
     if not masses:
         return []
     mass, std = combined(masses, stds)
