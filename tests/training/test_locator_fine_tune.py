@@ -214,5 +214,5 @@ def test_the_line_network_learns_that_an_annotated_line_is_the_catheter(rehearsa
     values = torch.from_numpy(strip_input(strip.values, strip.inside))[None]
     with torch.inference_mode():
         before, after = network(values), tuned.network(values)
-    assert after[5] > before[5]  # right
+    assert after[5].mean() > before[5].mean()  # right
     assert after[4].mean() > before[4].mean()  # seen
