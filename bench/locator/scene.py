@@ -48,7 +48,7 @@ GROUND_SHEATH_SHARE = 0.25
 """Share of the sheaths in a colour of the ground, like cloth over a tube."""
 FLANGE_SHARE, PIN_SHARE, SHORT_PIN_SHARE = 0.2, 0.35, 0.7
 """Share of the catheters with a tip that is wider or narrower, and with a pin or a wire that comes out of the tip; and
-share of the pins that are at most as long as the catheter is thick."""
+share of the pins that are at most about as long as the catheter is thick."""
 CREASE_SHARE = 0.3
 """Share of the sheaths with a dark line at the mouth."""
 

@@ -43,7 +43,9 @@ def infos(name: str, mouth: np.ndarray, length_px: float) -> dict[str, SessionIn
     """Returns the metadata that are tried: none, the side, the size, a box at the mouth, and together."""
     u, v = mouth.astype(int).tolist()
     box = (u - MARK_PX, v - MARK_PX, u + MARK_PX, v + MARK_PX)
-    scale = next(scale for begin, scale in METRES_PER_PX.items() if name.startswith(begin))
+    scale = next((scale for begin, scale in METRES_PER_PX.items() if name.startswith(begin)), None)
+    if scale is None:
+        raise SystemExit(f"{name}: its scale is not known; add the beginning of its name to METRES_PER_PX")
     sized = Catheter("photograph", DIAMETER_M, length_px * scale, 0.0)
     return {
         "nothing": SessionInfo("photograph"),

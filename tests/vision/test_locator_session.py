@@ -31,6 +31,7 @@ from tipforce.vision import (
 from tipforce.vision._auto_calibrate import _compared
 from tipforce.vision.locator import (
     ACROSS,
+    ALONG,
     HALF_WIDTH,
     Located,
     Prompts,
@@ -40,7 +41,7 @@ from tipforce.vision.locator import (
     session_constants,
     straightened,
 )
-from tipforce.vision.locator._networks import rough_points
+from tipforce.vision.locator._networks import refine, rough_points
 from tipforce.vision.locator._prompts import channels
 from tipforce.vision.locator._reading import offset_std
 from tipforce.vision.locator._session import _length
@@ -319,6 +320,16 @@ def test_a_fine_tuned_detector_is_read_from_its_folder(tmp_path: Path):
     assert found.detector == str(tmp_path)
     assert found.locator is not None
     assert np.linalg.norm(np.array(found.locator.base_px) - constants().base_px) < 4.0
+
+
+def test_a_detector_of_an_earlier_version_is_refused_with_the_remedy(monkeypatch: pytest.MonkeyPatch):
+    station = np.zeros((1, ALONG), np.float32)
+    one_verdict = SimpleNamespace(run=lambda *_: [*5 * [station], np.zeros(1, np.float32), np.zeros(1, np.float32)])
+    monkeypatch.setattr("tipforce.vision.locator._networks._graph", lambda *_: one_verdict)
+    line = np.column_stack([np.linspace(10.0, 190.0, 50), np.full(50, 30.0)])
+    strip = straightened(np.zeros((60, 200), np.uint8), line, 10.0)
+    with pytest.raises(FileFormatError, match=r"bench/detector: an earlier version .* tipforce annotate"):
+        refine(strip, Path("bench/detector"))
 
 
 @pytest.mark.parametrize(

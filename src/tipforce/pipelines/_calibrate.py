@@ -269,7 +269,11 @@ def _scales_report(path: Path, info: SessionInfo) -> CalibrateReport:
 
 
 def _recordings(path: Path) -> list[Path]:
-    """Returns the recordings of a folder, or the one that ``path`` is. Raises InputError if there is none."""
+    """Returns the recordings of the folder ``path``, or ``path`` itself where it is a recording.
+
+    Raises:
+        InputError: the folder holds no recording, or the file is no recording.
+    """
     if path.is_dir():
         recordings = sorted(path.glob("*.mcap"))
         if not recordings:
@@ -281,7 +285,11 @@ def _recordings(path: Path) -> list[Path]:
 
 
 def _images(paths: Sequence[Path]) -> list[Path]:
-    """Returns the image files among ``paths`` and in the folders among them. Raises InputError if there is none."""
+    """Returns the image files among ``paths`` and in the folders among them.
+
+    Raises:
+        InputError: no image is found.
+    """
     files: list[Path] = []
     for path in paths:
         files += sorted(file for file in path.iterdir() if is_image(file)) if path.is_dir() else [path]

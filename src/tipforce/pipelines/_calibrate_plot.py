@@ -92,7 +92,7 @@ def _forces(axes: Axes, results: tuple[SessionResult, ...]) -> None:
 
 
 def _tissue(axes: Axes, results: tuple[SessionResult, ...]) -> None:
-    """Draws force over depth with the fitted law of the tissue of each session, or why there is none."""
+    """Draws force over depth with the fitted law of the tissue of each session, or writes why no law was fitted."""
     _title(axes, "tissue: force over depth", "depth of the tip, mm", "force across the surface, N")
     tissues = [result.tissue for result in results if result.tissue is not None]
     if not tissues:

@@ -334,7 +334,7 @@ def _figures(
     """Compares detected lines with annotated ones.
 
     Args:
-        found: the detected line in each image; None where there is none, which counts as infinitely far away.
+        found: the detected line in each image; None where no line was found, which counts as infinitely far away.
         labelled: the images with their annotated lines.
         truth: their annotations, which state whether the tip is hidden.
 

@@ -325,7 +325,7 @@ class SpaceFilter:
         does not show on which side of its image's plane the force is: there a fit starts from the mirror image, too.
 
         Returns:
-            The fit without a force; that with one, None where there is none; the grids.
+            The fit without a force; the fit with a force, None where no start explains the lines; the grids.
         """
         unloaded = self._shapes.unloaded(1)[0]
         start, shape = self._last.get("free", (problem.mean, unloaded))

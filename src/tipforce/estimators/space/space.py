@@ -124,7 +124,7 @@ class SpaceStream:
         return dict(zip(there, found, strict=True))
 
     def _read(self, observation: Observation) -> tuple[dict[str, ViewShape], dict[str, Abstention], float]:
-        """Returns the shape of each view, or the reason why there is none; and the advance of the clamp, m."""
+        """Returns the shapes by view, the reasons of views without a shape, and the advance of the clamp in m."""
         shapes: dict[str, ViewShape] = {}
         reasons: dict[str, Abstention] = {}
         advance_m = 0.0

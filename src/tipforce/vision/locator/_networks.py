@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit, softmax
 
+from ...errors import FileFormatError
 from ...types import Box, FloatArray
 from ._peaks import STRIDE, course, shares_of
 from ._prompts import CHANNELS, SIZES, Prompts, channels
@@ -121,9 +122,21 @@ def _cells_in(region: Box, rows: int, columns: int) -> npt.NDArray[np.bool_]:
 
 
 def refine(strip: Strip, network: Path | None = None) -> Offsets:
-    """Reads ``strip``; ``network``: folder of fine-tuned networks."""
+    """Reads a strip.
+
+    Args:
+        strip: the strip.
+        network: folder of fine-tuned networks; None: those that come with tipforce.
+
+    Raises:
+        FileFormatError: an earlier version of tipforce fine-tuned the network.
+    """
     values = strip_input(strip.values, strip.inside)[None]
     offset, log_spread, base, tip, seen, right, log_width = _graph(network, 1).run(None, {"strip": values})
+    if right.ndim < 2:
+        raise FileFormatError(
+            f"{network}: an earlier version of tipforce trained this detector; train it again with tipforce annotate"
+        )
     return Offsets(
         offset[0].astype(np.float64),
         np.exp(log_spread[0].astype(np.float64)),
