@@ -20,12 +20,11 @@ import numpy as np
 
 from tipforce.alignment import observations
 from tipforce.estimators import create
-from tipforce.io import open_source
+from tipforce.io import images_beforehand, open_source
 from tipforce.simulation import read_truth, truth_path
 from tipforce.types import FloatArray, views_of
 
 CONTACT_N, WRONG_N = 0.01, 0.05
-CALIBRATION_IMAGES = 60
 FORCES_N = (0.01, 0.05, 0.15, 0.3, 2.0)
 ANGLES_DEG = (0.0, 20.0, 40.0, 60.0, 180.0)
 COLUMNS = "true (3), estimate (3), low and high of fx, fy, fz, |F| (8), tip's axis (3), number of views"
@@ -35,12 +34,11 @@ def rows_of(path: Path, method: str, lose: str, from_s: float) -> list[list[floa
     """Estimates one recording; each row has `COLUMNS`, with NaN where there is no estimate."""
     with open_source(path) as source:
         estimator = create(method).for_views(views_of(source))
+        images = {view: images_beforehand(source, view) for view in estimator.views}
         seen = list(observations(source, estimator.views, apart=not estimator.needs_all_views))
         info = source.session_info
     truth = read_truth(truth_path(path))
-    first = [each.views[estimator.views[0]] for each in seen if estimator.views[0] in each.views]
-    images = [image for image in first[:: max(1, len(first) // CALIBRATION_IMAGES)] if isinstance(image, np.ndarray)]
-    stream = estimator.start(info, images)
+    stream = estimator.start_on(info, images)
     rows: list[list[float]] = []
     for each in seen:
         if lose and each.stamp_ns - seen[0].stamp_ns >= from_s * 1e9:

@@ -1,5 +1,6 @@
 """What sessions tell of a bench: recovered within what is stated, and what they do not tell is said."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -77,6 +78,8 @@ def test_a_knob_that_only_goes_up_tells_no_hysteresis() -> None:
     found = fit_knob((stamps, knob), stamps, curvature, np.full(60, 0.05))
     assert np.isnan(found.play_deg)
     assert found.gain_per_m_deg == pytest.approx(0.5, rel=0.03)
+    shared = fit_knob((stamps, knob), stamps, curvature, np.full(60, 0.05), common_std_per_m=0.4)
+    assert shared.curvature_std == pytest.approx(math.hypot(found.curvature_std, 0.4))
 
 
 def test_tissue_that_is_not_told_is_refused_with_the_reason(session: CalibrationSession) -> None:

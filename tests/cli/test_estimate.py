@@ -238,8 +238,8 @@ def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, 
         def __getattr__(self, name):
             return getattr(trained, name)
 
-        def start(self, *words):
-            stream = trained.start(*words)
+        def start_on(self, *words):
+            stream = trained.start_on(*words)
             return SimpleNamespace(update=lambda observation: widened(stream.update(observation)))
 
     def widened(estimate: ForceEstimate) -> ForceEstimate:

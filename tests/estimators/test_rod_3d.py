@@ -9,7 +9,7 @@ import pytest
 from tipforce.errors import InputError
 from tipforce.estimators import create
 from tipforce.estimators._session_detection import DetectedLine
-from tipforce.estimators.space import Rod3d, SpaceSettings
+from tipforce.estimators.space import Rod3d, SpaceSettings, space
 from tipforce.estimators.space._cameras import Reference, ViewLine, base_axes_px, turns
 from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, FIRST_VIEW, SHAPE, Constants, errors_of_view
 from tipforce.estimators.space._filter import SpaceFilter, SpaceResult, ViewShape, rod_of
@@ -390,3 +390,14 @@ def test_a_session_does_not_begin_with_the_second_view_alone(monkeypatch: pytest
     estimate = stream.update(Observation(0, {"b": image}, {"knob_deg": KNOB_DEG}))
     assert estimate.status is Status.MISSING_INPUT
     assert "a: no image of this instant (a session begins with a line in a" in estimate.detail
+
+
+def test_images_at_hand_resolve_the_detection_in_each_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[str, int]] = []
+    monkeypatch.setattr(
+        space, "SessionDetection", lambda settings, _, images: given.append((settings.view, len(images)))
+    )
+    method, image = create("rod-3d").for_views(("a", "b")), np.zeros((64, 64), np.uint8)
+    method.start_on(INFO, {"a": [image] * 3, "b": [image] * 2})
+    method.start(INFO, [image])
+    assert given == [("a", 3), ("b", 2), ("a", 1), ("b", 0)]

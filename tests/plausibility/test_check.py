@@ -46,6 +46,9 @@ def test_readings_at_the_stated_range_are_clipped() -> None:
     stamps, force = bench_log()
     force[7000, 0] = 0.6
     assert kinds(check_force_log(stamps, force, range_n=(0.6, 0.6, 0.6))) == {("spike", "x"), ("clipped", "x")}
+    force[7000, 0] = -0.6
+    found = check_force_log(stamps, force, range_n=(0.6, 0.6, 0.6))
+    assert [each.size_n for each in found.findings if each.kind == "clipped"] == [-0.6]
 
 
 def test_single_readings_that_jump_are_spikes() -> None:

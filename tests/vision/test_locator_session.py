@@ -20,6 +20,7 @@ from tipforce.vision import (
     SessionDetector,
     ShapeDetector,
     VisionSettings,
+    _auto_calibrate,
     _detector,
     auto_calibrate,
     fitted_log_odds,
@@ -284,6 +285,20 @@ def test_a_bar_from_border_to_border_is_not_the_catheter():
     images = list(np.clip(image + noise, 0, 255).astype(np.uint8))
     with pytest.raises(InputError, match="base_region"):
         auto_calibrate(AUTO, images, SessionInfo("bar"))
+
+
+def test_a_long_list_of_images_is_thinned_over_all_of_the_session(monkeypatch: pytest.MonkeyPatch):
+    chosen: list[int] = []
+
+    def taken(settings, stated, frames, *more, **options):
+        chosen.extend(int(frame[0, 0]) for frame in frames)
+        return ResolvedVision.stated(VisionSettings(polarity="dark", base_side="left"))
+
+    monkeypatch.setattr(_auto_calibrate, "_of_session", taken)
+    auto_calibrate(AUTO, [np.full((8, 8), value, np.uint8) for value in range(60)], SessionInfo("long"))
+    assert len(chosen) == 16
+    assert (chosen[0], chosen[-1]) == (0, 59)
+    assert max(np.diff(chosen)) <= 4
 
 
 def test_before_there_are_enough_images_the_first_one_resolves_the_detection(monkeypatch: pytest.MonkeyPatch):

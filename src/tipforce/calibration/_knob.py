@@ -128,10 +128,11 @@ def fit_knob(
     nan = math.nan
     mean = float(np.average(curvature_per_m, weights=weight))
     block_means = np.array([np.average(curvature_per_m[block == k], weights=weight[block == k]) for k in range(blocks)])
-    mean_std = float(np.std(block_means, ddof=1)) / math.sqrt(blocks) if blocks > 2 else float(np.median(curvature_std))
+    own_std = float(np.std(block_means, ddof=1)) / math.sqrt(blocks) if blocks > 2 else float(np.median(curvature_std))
+    mean_std = math.hypot(own_std, common_std_per_m)
     if high - low < MIN_RANGE_DEG or blocks < 4:
         return KnobFit(
-            nan, nan, nan, nan, nan, nan, mean, math.hypot(mean_std, common_std_per_m), 0.0, low, high,
+            nan, nan, nan, nan, nan, nan, mean, mean_std, 0.0, low, high,
             float(np.std(curvature_per_m - mean)), len(frame_deg), frame_deg, curvature_per_m, np.zeros(len(frame_deg)),
             frame_deg,
         )  # fmt: skip

@@ -120,6 +120,20 @@ class Estimator(ABC):
             NotFittedError: before ``fit``, for a method that needs it.
         """
 
+    def start_on(self, info: SessionInfo, images: Mapping[str, Sequence[Image]]) -> Stream:
+        """Returns a new stream for one session whose images are available beforehand.
+
+        Args:
+            info: the session's metadata.
+            images: some images of the session by view, see `start`. Those of the first view are used, unless the method
+                resolves its detection in several views.
+
+        Raises:
+            NotFittedError: see `start`.
+        """
+        first = images.get(self.views[0], ()) if images else ()
+        return self.start(info, first) if first else self.start(info)
+
     def unfitted(self) -> Self:
         """Returns the same method with the same settings, not fitted; each split trains such a copy."""
         return type(self)(self.settings)
@@ -203,10 +217,8 @@ class Estimator(ABC):
         for name, observation in zip(dataset.session.tolist(), dataset.observations(), strict=True):
             if stream is None or name != session:
                 info, session = dataset.session_info[name], name
-                if self.calibrates_on_images:
-                    stream = self.start(info, calibration_images(dataset, name, self.views[0]))
-                else:
-                    stream = self.start(info)
+                views = self.views if self.calibrates_on_images else ()
+                stream = self.start_on(info, {view: calibration_images(dataset, name, view) for view in views})
             yield stream.update(observation).checked()
 
     def predict(self, dataset: Dataset, progress: Callable[[float], None] | None = None) -> list[ForceEstimate]:

@@ -185,7 +185,8 @@ def _clipped(
     """
     at_limit = np.abs(values) >= _LIMIT_SHARE * range_n
     if at_limit.any():
-        return at_limit, range_n
+        at_upper_end = values[at_limit].mean() > 0.0
+        return at_limit, range_n if at_upper_end else -range_n
     width = max(0.5 * noise.step_n, 0.25 * noise.std_n)
     clipped, level = np.zeros(len(values), np.bool_), math.nan
     for sign in (1.0, -1.0):  # the upper end, then the lower one

@@ -8,6 +8,9 @@ import numpy as np
 from ._arrays import BoolArray, FloatArray, frozen
 from ._status import Status
 
+TIP_SHARE = 0.04
+"""The last share of the centreline that defines the tip's axis: about the length of an ablation electrode."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BasePose:
@@ -94,6 +97,19 @@ class DetectedShape:
     def tip_seen(self) -> bool:
         """Whether the tip is visible; False where nothing was found."""
         return self.found and (self.seen is None or bool(self.seen[-1]))
+
+    @property
+    def tip_axis(self) -> FloatArray | None:
+        """(2,) unit vector along the tip, base frame: of the last `TIP_SHARE`, since one point is too noisy."""
+        if self.centreline is None or self.base is None:
+            return None
+        points = self.centreline.points
+        steps = max(1, round(TIP_SHARE * (len(points) - 1)))
+        if len(points) <= steps:
+            return None
+        along = self.base.axes_px @ (points[-1] - points[-1 - steps])
+        length = float(np.linalg.norm(along))
+        return along / length if length > 0.0 else None
 
     @property
     def tip_std_px(self) -> float:

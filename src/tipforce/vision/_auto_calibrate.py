@@ -8,7 +8,6 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from itertools import islice
 
 import numpy as np
 
@@ -31,7 +30,8 @@ from ._settings import BaseSide, LocatorPrior, Polarity, ResolvedVision, VisionS
 from .locator import MIN_FRAMES, Located, SessionConstants, probability, session_constants
 from .tracer import Trace, Tracer
 
-_FRAMES = 16
+MAX_FRAMES = 16
+"""Number of images that resolve the open values; more are thinned evenly."""
 TEMPLATE_ROUNDS = 3
 """Number of times that the tip template is learnt: with a template the tip is found more often."""
 MAX_LOCATED_FRAMES = 8
@@ -209,7 +209,7 @@ def auto_calibrate(
     settings: VisionSettings, images: Iterable[Image], infos: SessionInfo | Sequence[SessionInfo] | None = None, *,
     whole: bool = True,
 ) -> ResolvedVision:  # fmt: skip
-    """Finds the open values of ``settings`` on the first 16 ``images``: polarity, base side, threshold, diameter.
+    """Finds the open values of ``settings`` on 16 of the ``images``: polarity, base side, threshold, diameter.
 
     Values that are set stay, and are prompts of the locator. Where the size of the catheter and the scale are known,
     the length in the image is learnt too; with one session also the tip template, the base and the constants of the
@@ -233,12 +233,13 @@ def auto_calibrate(
         first = infos if infos is None or isinstance(infos, SessionInfo) else next(iter(infos), None)
         resolved = ResolvedVision.stated(settings if first is None else with_view(settings, first))
         return resolved.model_copy(update={"settings": settings})
-    frames = list(islice(images, _FRAMES))
-    if not frames:
+    given = list(images)
+    if not given:
         raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")
     one = isinstance(infos, SessionInfo)
-    each = [infos or SessionInfo()] * len(frames) if infos is None or one else list(infos)
-    each = each[: len(frames)]
+    each = [infos or SessionInfo()] * len(given) if infos is None or one else list(infos)
+    chosen = np.unique(np.linspace(0, len(given) - 1, min(MAX_FRAMES, len(given))).astype(np.int64)).tolist()
+    frames, each = [given[place] for place in chosen], [each[place] for place in chosen]
     stated = with_view(settings, each[0])
     if settings.method == "tracer" and "auto" not in (stated.polarity, stated.base_side):
         return _with_rejection(_calibrated(settings, stated, frames, each, one))

@@ -177,7 +177,9 @@ def fill_camera_modes(modes: FloatArray, line: Line, model: Model, settings: Rod
     measured = np.vstack([line.normals, [last[1], -last[0]]])  # directions in which the error of each row is measured
     from_middle = line.points - line.middle
     position = np.vstack([from_middle, from_middle[-1:]])
-    from_base_m = np.maximum(model.flexible_m + model.rigid_m - np.append(line.from_tip, 0.0), 0.0)
+    # a line without its tip begins near the clamp, but ends anywhere
+    length_m = line.points[0, 0] + line.from_tip[0] if line.from_clamp else model.flexible_m + model.rigid_m
+    from_base_m = np.maximum(length_m - np.append(line.from_tip, 0.0), 0.0)
     depth = prior.depth_per_m * from_base_m**2
     modes[:, MODES] = prior.stretch * (measured[:, 0] * position[:, 0] - measured[:, 1] * position[:, 1])
     modes[:, MODES + 1] = prior.stretch * (measured[:, 0] * position[:, 1] + measured[:, 1] * position[:, 0])

@@ -81,14 +81,15 @@ class SpaceStream:
         settings: settings of the method.
         fitted: its learnt state.
         info: the session metadata.
-        images: images of the session in its first view, if they are available beforehand.
+        images: images of the session by view, as far as they are available beforehand.
     """
 
-    def __init__(self, settings: SpaceSettings, fitted: _Fitted, info: SessionInfo, images: Sequence[Image]) -> None:
+    def __init__(
+        self, settings: SpaceSettings, fitted: _Fitted, info: SessionInfo, images: Mapping[str, Sequence[Image]]
+    ) -> None:
         self._settings, self._widths = settings, fitted.widths
         self._detections = {
-            view: SessionDetection(settings.vision_of(view), info, images if place == 0 else ())
-            for place, view in enumerate(settings.views)
+            view: SessionDetection(settings.vision_of(view), info, images.get(view, ())) for view in settings.views
         }
         self._info = info
         self._pool = ThreadPoolExecutor(len(settings.views), thread_name_prefix="detection")
@@ -286,6 +287,10 @@ class Rod3d(Estimator):
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:
         """A stream for one session; see `Estimator.start`."""
+        return self.start_on(info, {self.views[0]: images})
+
+    def start_on(self, info: SessionInfo, images: Mapping[str, Sequence[Image]]) -> Stream:
+        """A stream for one session, whose detection is resolved in each view; see `Estimator.start_on`."""
         if reason := self.obstacle(info):
             return UninformedStream(reason)
         return SpaceStream(self.settings, self.fitted_, info, images)

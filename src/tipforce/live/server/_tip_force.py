@@ -6,10 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...estimators.uncertainty import GAUSS_90
-from ...types import DetectedShape, FloatArray, ForceEstimate
-
-TIP_SHARE = 0.04
-"""The last share of the centreline that defines the tip's axis: about the length of an ablation electrode."""
+from ...types import FloatArray, ForceEstimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +39,8 @@ def tip_force(estimate: ForceEstimate) -> TipForce | None:
     if not (estimate.valid and estimate.known[:2].all()):
         return None
     axis = estimate.tip_axis
-    if axis is None and estimate.shape is not None and estimate.shape.found:
-        axis = _tip_axis(estimate.shape)
+    if axis is None and estimate.shape is not None and estimate.shape.tip_axis is not None:
+        axis = np.append(estimate.shape.tip_axis, 0.0)
     if axis is None:
         return None
     force = np.where(estimate.known, estimate.force_n, 0.0)
@@ -57,19 +54,6 @@ def tip_force(estimate: ForceEstimate) -> TipForce | None:
         angle_deg=math.degrees(math.atan2(lateral, axial)) if size > 0.0 else math.nan,
         angle_error_deg=_angle_error_deg(estimate, axis, across, size),
     )
-
-
-def _tip_axis(shape: DetectedShape) -> FloatArray | None:
-    """Returns the (3,) unit vector along the tip, from base to tip, base frame."""
-    assert shape.centreline is not None
-    assert shape.base is not None
-    points = shape.centreline.points
-    steps = max(1, round(TIP_SHARE * (len(points) - 1)))  # last 4 % of the centreline
-    if len(points) <= steps:
-        return None
-    along = shape.base.axes_px @ (points[-1] - points[-1 - steps])
-    length = float(np.linalg.norm(along))
-    return np.append(along, 0.0) / length if length > 0.0 else None
 
 
 def _angle_error_deg(estimate: ForceEstimate, axis: FloatArray, across: FloatArray, size: float) -> float:

@@ -7,9 +7,6 @@ import numpy as np
 from ...types import FloatArray, SessionInfo
 from .._update import LiveUpdate
 
-TIP_SHARE = 0.05
-"""The last share of the detected catheter that defines the direction of the tip: one point is too noisy."""
-
 
 @dataclass(frozen=True, slots=True)
 class TipPose:
@@ -47,12 +44,9 @@ def tip_pose(update: LiveUpdate, info: SessionInfo) -> TipPose | None:
     view = info.view(next(iter(update.reads or update.frames), "camera"))
     if view.metres_per_px is None or view.projection is not None:
         return None
-    points = shape.base.to_base(shape.centreline.points)  # (n, 2) px in the base frame
-    tip = points[-1]
-    along = tip - points[-1 - max(1, round(TIP_SHARE * (len(points) - 1)))]
-    length = float(np.hypot(*along))
-    if length == 0.0:
+    axis = shape.tip_axis
+    if axis is None:
         return None
-    x_mm, y_mm = (tip * view.metres_per_px * 1e3).tolist()
-    cosine, sine = (along / length).tolist()
+    x_mm, y_mm = (shape.base.to_base(shape.centreline.points[-1]) * view.metres_per_px * 1e3).tolist()
+    cosine, sine = axis.tolist()
     return TipPose((x_mm, y_mm), (cosine, sine))
