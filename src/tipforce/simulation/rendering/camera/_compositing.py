@@ -131,18 +131,10 @@ def _gather(
     weight: np.float32,
     rows: FloatImage,
 ) -> None:
-    """Adds a part of a row of the sprite, moved by a fraction of a pixel, to ``rows`` (bilinear interpolation).
+    """Adds a part of a row of the sprite, moved by (``du``, ``dv``) px, to ``rows`` (c + 1, w), times ``weight``.
 
-    Args:
-        sprite: (2, 2, c + 1, rows, columns) layer by half-pixel phase in v and u.
-        planes: first plane and end, exclusive.
-        v: row of the image.
-        lows: first column of the image.
-        highs: end of the columns, exclusive.
-        du: position in the sprite minus position in the image, along u, px.
-        dv: the same along v.
-        weight: weight of this instant in the exposure.
-        rows: (c + 1, w) row of the image that is changed.
+    The planes from ``planes[0]`` to ``planes[1]`` (exclusive) are interpolated between half pixels for the columns
+    [``lows``, ``highs``) of row ``v`` of the image. ``sprite``: see `lay_moving`.
     """
     if highs <= lows:
         return

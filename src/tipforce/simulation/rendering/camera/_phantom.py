@@ -111,12 +111,8 @@ def _lay_carrier(
 ) -> None:
     """Lays the plate, the round force sensor and the stage's arm behind the pad, with the shadows of all parts.
 
-    Args:
-        canvas: canvas that is painted.
-        box: makes the cover of a part, see `paint_phantom`.
-        shape: cover of the pad.
-        axes: origin (2,) in canvas pixels, and the unit vectors (2,) into the tissue and along its face.
-        reach_m: depth to which the arm is painted: beyond the image's border.
+    ``box`` makes the cover of a part, see `paint_phantom`; ``shape``: cover of the pad; ``axes``: origin (2,) in canvas
+    pixels, unit vectors (2,) into the tissue and along its face. The arm ends ``reach_m`` deep, outside of the image.
     """
     scene, appearance, unit = canvas.scene, canvas.scene.tissue, canvas.px_per_m
     origin, into, along = axes
@@ -180,17 +176,9 @@ def _rounded(
 ) -> Patch:
     """Returns the anti-aliased cover of a box with rounded corners, bent like the tissue's face.
 
-    Args:
-        canvas: canvas of the phantom.
-        origin: (2,) point of the surface at rest, canvas pixels.
-        into: (2,) unit vector into the tissue.
-        along: (2,) unit vector along the face.
-        box: first and last depth, first and last position along the face, and radius of the corners, in m.
-        unit: canvas pixels for each metre.
-        face_radius_m: radius of the face, positive if convex; None: flat.
-
-    Returns:
-        The cover, from the signed distance of a pixel to the outline of the rounded box.
+    ``origin`` (2,): point of the surface in canvas pixels; ``into``, ``along`` (2,): unit vectors into the tissue and
+    along its face; ``box``: first and last depth, first and last position along the face, radius of the corners, in m;
+    ``unit``: canvas pixels for each metre. The cover follows from a pixel's signed distance to the outline.
     """
     corners = origin + unit * np.array([deep * into + side * along for deep in box[:2] for side in box[2:4]])
     half_m = np.array([max(map(abs, box[2:4]))])

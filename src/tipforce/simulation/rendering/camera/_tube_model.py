@@ -143,17 +143,10 @@ def _operators(count: int, at: tuple[float, ...]) -> tuple[FloatArray, FloatArra
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _sides(points: FloatArray, slopes_3d: FloatArray, position: FloatArray, radius: float, sides: FloatArray) -> None:
-    """Computes the points at which the outline of a tube is seen from the camera.
+    """Writes into ``sides`` (2, m, 3) the points at which a camera at ``position`` (3,) sees both outlines of a tube.
 
-    The ray of the camera touches the tube there: normal . (point - position + radius normal) = 0, where the normal is
-    perpendicular to the axis.
-
-    Args:
-        points: (m, 3) points of the axis, m.
-        slopes_3d: (m, 3) tangents of the axis, of any length.
-        position: (3,) camera.
-        radius: radius of the tube, m.
-        sides: (2, m, 3) points of both outlines, which are written.
+    ``points``, ``slopes_3d`` (m, 3): axis and its tangents of any length. The ray of the camera touches the tube there:
+    normal . (point - position + radius normal) = 0, where the normal is perpendicular to the axis.
     """
     for i in range(points.shape[0]):
         tx, ty, tz = slopes_3d[i, 0], slopes_3d[i, 1], slopes_3d[i, 2]

@@ -303,19 +303,10 @@ _TURN = {"left": 0.0, "right": math.pi, "bottom": math.pi / 2, "top": -math.pi /
 def _frame(
     lens: Lens, variety: SceneVariety, framing: Framing, cropped: bool, rng: np.random.Generator
 ) -> tuple[Lens, float]:
-    """Draws the lens as a person sets it up who wants the whole catheter in view, wherever it moves.
+    """Draws position and scale of the lens as a person sets it up who wants the whole catheter in view.
 
-    It is drawn again, up to `_FRAMES` times, if the tilted camera does not show all of the catheter.
-
-    Args:
-        lens: lens whose turns and sharpness are kept.
-        variety: ranges of scale, margin and distance.
-        framing: positions of catheter and tissue.
-        cropped: whether the tissue is beyond the border of the image.
-        rng: random numbers.
-
-    Returns:
-        The lens, and the distance in m of the base inside the image's border: the visible length of the sheath.
+    It is drawn again, up to `_FRAMES` times, if the tilted camera does not show all of the catheter. ``cropped``:
+    whether the tissue is to be beyond the border. Returns the lens, and how far in m the base is inside the border.
     """
     width, height = framing.size
     upright = framing.base_side in ("top", "bottom")

@@ -60,7 +60,11 @@ def write_dicom(
 
 
 def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.int64]) -> Any:
-    """Makes patient, study, series, equipment and common instance; the scene determines the unique numbers."""
+    """Makes a dataset with the modules of patient, study, series, equipment and image of ``view``.
+
+    The unique identifiers (UIDs) are hashes of the scene, the view and the ``stamps`` (n,): the same images get the
+    same ones again.
+    """
 
     def uid(*parts: object) -> Any:
         return pydicom.uid.generate_uid(entropy_srcs=["tipforce", repr(scene), *map(str, parts)])
@@ -75,20 +79,16 @@ def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.
     data.file_meta = meta
     data.SOPClassUID, data.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
     data.SpecificCharacterSet = "ISO_IR 192"
-    data.PatientName, data.PatientID, data.PatientBirthDate, data.PatientSex = (
-        "Simulated^Tipforce",
-        "SIMULATED",
-        "",
-        "O",
-    )
+    data.PatientName, data.PatientID = "Simulated^Tipforce", "SIMULATED"
+    data.PatientBirthDate, data.PatientSex = "", "O"
     data.StudyInstanceUID, data.SeriesInstanceUID = uid("study"), uid("series")
-    # both planes' angles and distances are about one isocentre, and it stays where it is
+    # One frame of reference: the angles and distances of both planes are about the same isocentre.
     data.FrameOfReferenceUID, data.PositionReferenceIndicator = uid("frame of reference"), ""
     data.StudyDate, data.StudyTime, data.ReferringPhysicianName = "", "", ""
     data.StudyID, data.AccessionNumber, data.SeriesNumber, data.InstanceNumber = "1", "", 1, view + 1
     data.Modality, data.Manufacturer, data.ManufacturerModelName = "XA", "tipforce", "simulation"
     data.DeviceSerialNumber, data.SoftwareVersions = "0", "tipforce"
-    # no day, for nobody was there; the time is the zero that the stamps of all planes count from
+    # A simulated patient has no date; the time is the zero of the stamps of all planes.
     data.ContentDate, data.ContentTime, data.PatientOrientation = "", "000000.000000", ""
     planes = "SINGLE PLANE" if len(scene.views) == 1 else ("BIPLANE A", "BIPLANE B")[view]
     data.ImageType = ["ORIGINAL", "PRIMARY", planes]
@@ -125,7 +125,10 @@ def _add_acquisition(data: Any, scene: XrayScene, view: int) -> None:
 def _add_pixels(
     pydicom: Any, data: Any, frames: Images, stamps: npt.NDArray[np.int64], shown: tuple[str, bool], bits: int
 ) -> None:
-    """Adds the multi-frame, cine and image pixel modules; ``shown``: curve of the display, and whether it adds text."""
+    """Adds the multi-frame, cine and image pixel modules for n ``frames`` (h, w) with ``stamps`` (n,) in ns.
+
+    ``shown``: curve of the display ("log" or "linear"), and whether the display adds text to the images.
+    """
     curve, burned_in = shown
     data.NumberOfFrames = len(frames)
     data.FrameIncrementPointer = pydicom.tag.Tag("FrameTimeVector")
