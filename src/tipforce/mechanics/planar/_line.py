@@ -14,17 +14,7 @@ import numpy as np
 from ...types import FloatArray
 from ._compile import compiled
 from ._held import Hold, aside, hold_in
-from ._newton import (
-    COSINE,
-    SCRATCH,
-    SINE,
-    TOLERANCE,
-    Elastic,
-    Load,
-    follow,
-    relax_in,
-    solve_factorised,
-)
+from ._newton import COSINE, SCRATCH, SINE, TOLERANCE, Elastic, Load, follow, relax_in, solve_factorised
 
 UNKNOWNS = (
     "force_x_n",

@@ -47,13 +47,7 @@ class Found(NamedTuple):
 
 @compiled
 def _cost(
-    q: FloatArray,
-    mean: FloatArray,
-    information: FloatArray,
-    whiten: FloatArray,
-    ease: float,
-    limit: float,
-    work: Work,
+    q: FloatArray, mean: FloatArray, information: FloatArray, whiten: FloatArray, ease: float, limit: float, work: Work
 ) -> tuple[float, float]:
     """Returns Huber's loss of the whitened residual plus the prior's, and the squares' sum. Fills ``white[:, -1]``."""
     rows, count = work.residual.size, q.size
@@ -77,13 +71,7 @@ def _cost(
 
 @compiled
 def _assemble(
-    q: FloatArray,
-    mean: FloatArray,
-    information: FloatArray,
-    whiten: FloatArray,
-    ease: float,
-    limit: float,
-    work: Work,
+    q: FloatArray, mean: FloatArray, information: FloatArray, whiten: FloatArray, ease: float, limit: float, work: Work
 ) -> None:
     """Computes the normal equations of a Gauss-Newton step at ``q``: ``work.matrix`` times the step is ``work.side``.
 

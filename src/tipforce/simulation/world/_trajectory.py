@@ -162,9 +162,7 @@ class TrajectoryIntegrator:
         curvature = trajectory.curvature_per_m[solved]
         zero = np.zeros(curvature.size)
         contact = self._solver.run(
-            trajectory.wall_m[solved],
-            np.stack([zero, zero, curvature], axis=1),
-            trajectory.advance_m[solved],
+            trajectory.wall_m[solved], np.stack([zero, zero, curvature], axis=1), trajectory.advance_m[solved]
         )
         for name in _ROWS:
             getattr(trajectory.contact, name)[solved] = getattr(contact, name)

@@ -244,12 +244,7 @@ class SceneCanvas:
         return slice(v0, v1), slice(u0, u1)
 
     def lay(
-        self,
-        cover: Patch,
-        colour: Colour | FloatImage,
-        *,
-        height_m: float = 0.0,
-        shading: FloatImage | float = 1.0,
+        self, cover: Patch, colour: Colour | FloatImage, *, height_m: float = 0.0, shading: FloatImage | float = 1.0
     ) -> None:
         """Lays an object over the canvas, after its shadow if it is high.
 

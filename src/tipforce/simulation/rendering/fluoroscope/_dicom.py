@@ -17,13 +17,7 @@ Images = Sequence[npt.NDArray[np.uint8]] | Sequence[npt.NDArray[np.uint16]]
 
 
 def write_dicom(
-    path: str | Path,
-    frames: Images,
-    stamps_ns: Sequence[int],
-    scene: XrayScene,
-    *,
-    view: int = 0,
-    bits: int = 8,
+    path: str | Path, frames: Images, stamps_ns: Sequence[int], scene: XrayScene, *, view: int = 0, bits: int = 8
 ) -> None:
     """Writes images of one view with their stamps as one multi-frame file, lossless and not compressed.
 

@@ -103,14 +103,7 @@ class XrayRenderer:
     """
 
     def __init__(
-        self,
-        scene: XrayScene,
-        length_m: float,
-        *,
-        view: int = 0,
-        width: int = 512,
-        height: int = 512,
-        bits: int = 8,
+        self, scene: XrayScene, length_m: float, *, view: int = 0, width: int = 512, height: int = 512, bits: int = 8
     ) -> None:
         if width % BLOCK or height % BLOCK or not 8 <= bits <= 16:
             raise ValueError(

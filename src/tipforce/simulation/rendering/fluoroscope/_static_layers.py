@@ -12,15 +12,7 @@ from ....types import FloatArray, IntArray
 from ._anatomy import Blob, Part, chest_parts, heart_blobs, liver_blobs, spine_parts
 from ._collimator import collimator_attenuation
 from ._instruments import catheter_tube, instrument_path, instrument_tube, sheath_tube
-from ._patient_variety import (
-    VariedLayers,
-    add_can,
-    airway_parts,
-    chamber_blobs,
-    gas_blobs,
-    texture,
-    vessel_parts,
-)
+from ._patient_variety import VariedLayers, add_can, airway_parts, chamber_blobs, gas_blobs, texture, vessel_parts
 from ._scene import Instrument, XrayScene
 from ._tube_kernels import POINTS_PER_M, FloatImage, no_spans
 from ._tube_model import Tube, axial_profile, section_profiles
