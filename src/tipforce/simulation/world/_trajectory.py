@@ -60,6 +60,7 @@ def _drives(
     """Makes the drives of clamp, knob, and the stage's two axes; their programme is the session without commands."""
     dt = float(motion_profile.time_s[1] - motion_profile.time_s[0])
     clamp, knob, motion = settings.clamp, settings.knob_drive, settings.motion
+    # Without commands nothing moves the clamp, and a hand moves the knob; motors drive the stage.
     clamp_axis, stage_axis = (
         AxisModel(
             axis.step_m,
@@ -169,27 +170,33 @@ class TrajectoryIntegrator:
         self.done = end
 
     def _transmitted(self, first: int, end: int) -> FloatArray:
-        """Returns (m,) angles of the knob behind its play: as planned until the knob's drive takes over."""
+        """Returns the knob's angles (end - first,) in degrees behind its play.
+
+        They are those of the profile until the knob's drive takes over; then the play continues from that angle.
+        """
         transmitted, taken = self._motion_profile.transmitted_deg[first:end], self.knob.taken_over
         if taken is None or taken >= end:
             return transmitted
         if self._play is None:
             first = max(first, taken)
-            before = float(self._motion_profile.transmitted_deg[max(0, first - 1)])
-            self._play = Play(self.bench_model.settings.actuation.play_deg, output=before)
-        own = self._play.run(self.trajectory.knob_deg[first:end])
-        return np.concatenate([transmitted[: transmitted.size - own.size], own])
+            last_planned = float(self._motion_profile.transmitted_deg[max(0, first - 1)])
+            self._play = Play(self.bench_model.settings.actuation.play_deg, output=last_planned)
+        driven = self._play.run(self.trajectory.knob_deg[first:end])
+        return np.concatenate([transmitted[: transmitted.size - driven.size], driven])
 
     def _update_acceleration(self) -> None:
-        """Computes the stage's acceleration by central differences: it is known two instants after the position."""
-        first, whole = self.final, self.done == self.trajectory.time_s.size
-        end = self.done if whole else self.done - 2
+        """Computes the stage's acceleration by two central differences, each of which needs the next instant.
+
+        So the acceleration is final two instants after the position; at the end of the session all of it is.
+        """
+        first, complete = self.final, self.done == self.trajectory.time_s.size
+        end = self.done if complete else self.done - 2
         start = max(0, first - 2)
         if end <= first or self.done - start < 2:
             return
         smooth = self._smooth[start : self.done]
-        twice = np.gradient(np.gradient(smooth, self._dt, axis=0), self._dt, axis=0)
-        self.trajectory.acceleration_m_per_s2[first:end] = self.bench_model.directed(twice[first - start : end - start])
+        second = np.gradient(np.gradient(smooth, self._dt, axis=0), self._dt, axis=0)[first - start : end - start]
+        self.trajectory.acceleration_m_per_s2[first:end] = self.bench_model.directed(second)
         self.final = end
 
 

@@ -17,7 +17,7 @@ from ..._fields import NotNegative, Positive, Range, Settings, Share, Some
 from ._c_arm_error import perturbed
 from ._instrument_variety import varied_catheter, varied_instruments
 from ._scene import Anatomy, CatheterConstruction, Detector, Instrument, Rhythm, XrayBeam, XrayScene, XrayView
-from ._variety import XrayVarietyRanges, sample_variety
+from ._variety import XrayVarietyRanges, sample_variety, uniform
 
 
 class XrayRanges(Settings):
@@ -188,10 +188,10 @@ def sample_xray_scene(
         catheter=_catheter(ranges, rng),
         devices=_instruments(ranges, rng),
         rhythm=Rhythm(
-            heart_hz=_uniform(rng, ranges.heart_hz),
-            breath_hz=_uniform(rng, ranges.breath_hz),
-            beat=_uniform(rng, ranges.beat),
-            breath_m=_uniform(rng, ranges.breath_m),
+            heart_hz=uniform(rng, ranges.heart_hz),
+            breath_hz=uniform(rng, ranges.breath_hz),
+            beat=uniform(rng, ranges.beat),
+            breath_m=uniform(rng, ranges.breath_m),
             heart_phase=rng.random(),
             breath_phase=rng.random(),
         ),
@@ -209,7 +209,7 @@ def _varied(
     ``catheter_rng``, which all of its sessions share; everything else from ``rng``.
     """
     display_axes = scene.views[0].true.display_axes()
-    depth_m = _uniform(rng, ranges.depth_m) * display_axes[2]
+    depth_m = uniform(rng, ranges.depth_m) * display_axes[2]
     base_m = np.array(scene.base_m) + depth_m
     low, high = (math.log(x) for x in ranges.calibration_px)
     error_px = math.exp(rng.uniform(low, high))
@@ -223,37 +223,33 @@ def _varied(
     )
 
 
-def _uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
-    return float(rng.uniform(*bounds))
-
-
 def _arm(ranges: XrayRanges, rng: np.random.Generator, primary_deg: float, secondary_deg: float) -> CArm:
     """Draws distances, scale, roll and principal point of a C-arm with these angles."""
     return CArm(
         primary_deg=primary_deg,
         secondary_deg=secondary_deg,
-        source_detector_m=_uniform(rng, ranges.source_detector_m),
-        source_object_m=_uniform(rng, ranges.source_object_m),
-        scale_m_per_px=_uniform(rng, ranges.scale_m_per_px),
-        roll_deg=_uniform(rng, ranges.roll_deg),
-        centre_px=(_uniform(rng, ranges.centre_px), _uniform(rng, ranges.centre_px)),
+        source_detector_m=uniform(rng, ranges.source_detector_m),
+        source_object_m=uniform(rng, ranges.source_object_m),
+        scale_m_per_px=uniform(rng, ranges.scale_m_per_px),
+        roll_deg=uniform(rng, ranges.roll_deg),
+        centre_px=(uniform(rng, ranges.centre_px), uniform(rng, ranges.centre_px)),
     )
 
 
 def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]:
     """Draws one plane or two: C-arm with its stated position, beam, and one detector for all."""
-    first = _arm(ranges, rng, _uniform(rng, ranges.primary_deg), _uniform(rng, ranges.secondary_deg))
+    first = _arm(ranges, rng, uniform(rng, ranges.primary_deg), uniform(rng, ranges.secondary_deg))
     arms = [first]
     if ranges.planes == 2:
         # The second arm is across: its primary angle is found so that the central rays have the drawn angle.
-        apart_deg, secondary_deg = _uniform(rng, ranges.between_planes_deg), _uniform(rng, (-5.0, 5.0))
+        apart_deg, secondary_deg = uniform(rng, ranges.between_planes_deg), uniform(rng, (-5.0, 5.0))
         first_tilt, second_tilt = math.radians(first.secondary_deg), math.radians(secondary_deg)
         cosine = (math.cos(math.radians(apart_deg)) - math.sin(first_tilt) * math.sin(second_tilt)) / (
             math.cos(first_tilt) * math.cos(second_tilt)
         )
         primary_deg = first.primary_deg + math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
         arms.append(_arm(ranges, rng, primary_deg, secondary_deg))
-    pulse_s, detector = _uniform(rng, ranges.pulse_s), _detector(ranges, rng)
+    pulse_s, detector = uniform(rng, ranges.pulse_s), _detector(ranges, rng)
     low, high = (math.log(x) for x in ranges.photons)  # the dose is uniform in its logarithm
     views: list[XrayView] = []
     for arm in arms:
@@ -261,8 +257,8 @@ def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]
             photons=math.exp(rng.uniform(low, high)),
             pulse_s=pulse_s,
             rate_hz=ranges.rate_hz,
-            focal_spot_m=_uniform(rng, ranges.focal_spot_m),
-            control_s=_uniform(rng, ranges.control_s),
+            focal_spot_m=uniform(rng, ranges.focal_spot_m),
+            control_s=uniform(rng, ranges.control_s),
         )
         views.append(XrayView(arm, perturbed(arm, ranges.calibration_px, rng), beam, detector))
     return tuple(views)
@@ -272,20 +268,20 @@ def _detector(ranges: XrayRanges, rng: np.random.Generator) -> Detector:
     """Draws scatter, glare, blur, lag, noise and display curve of a detector."""
     linear = rng.random() < ranges.linear_display
     return Detector(
-        scatter=_uniform(rng, ranges.scatter),
-        scatter_m=_uniform(rng, ranges.scatter_m),
-        glare=_uniform(rng, ranges.glare),
-        glare_m=_uniform(rng, ranges.glare_m),
-        blur_px=(_uniform(rng, ranges.blur_px), _uniform(rng, ranges.blur_tail_px)),
-        blur_tail=_uniform(rng, ranges.blur_tail),
+        scatter=uniform(rng, ranges.scatter),
+        scatter_m=uniform(rng, ranges.scatter_m),
+        glare=uniform(rng, ranges.glare),
+        glare_m=uniform(rng, ranges.glare_m),
+        blur_px=(uniform(rng, ranges.blur_px), uniform(rng, ranges.blur_tail_px)),
+        blur_tail=uniform(rng, ranges.blur_tail),
         lag=(
-            (_uniform(rng, ranges.lag_fast), _uniform(rng, ranges.lag_fast_keep)),
-            (_uniform(rng, ranges.lag_slow), _uniform(rng, ranges.lag_slow_keep)),
+            (uniform(rng, ranges.lag_fast), uniform(rng, ranges.lag_fast_keep)),
+            (uniform(rng, ranges.lag_slow), uniform(rng, ranges.lag_slow_keep)),
         ),
-        electronic=_uniform(rng, ranges.electronic),
-        line_noise=_uniform(rng, ranges.line_noise),
+        electronic=uniform(rng, ranges.electronic),
+        line_noise=uniform(rng, ranges.line_noise),
         curve="linear" if linear else "log",
-        contrast=_uniform(rng, ranges.linear_level if linear else ranges.log_contrast),
+        contrast=uniform(rng, ranges.linear_level if linear else ranges.log_contrast),
     )
 
 
@@ -297,13 +293,13 @@ def _base(ranges: XrayRanges, rng: np.random.Generator, arm: CArm) -> Pose:
     """
     axes = arm.display_axes()  # rows: right, up, toward the viewer
     half_image_m = _HALF_PX * arm.scale_m_per_px
-    inset_m, along_m = _uniform(rng, ranges.base_inset_m), _uniform(rng, ranges.base_shift_m)
+    inset_m, along_m = uniform(rng, ranges.base_inset_m), uniform(rng, ranges.base_shift_m)
     turn = _TURNS[ranges.base_side]
     inward, aside = np.array([math.cos(turn), math.sin(turn)]), np.array([-math.sin(turn), math.cos(turn)])
     centre_m = arm.scale_m_per_px * np.array([arm.centre_px[0], -arm.centre_px[1]])
     position_m = (inset_m - half_image_m) * inward + along_m * aside - centre_m
-    tilt_rad = math.radians(_uniform(rng, ranges.base_tilt_deg))
-    spin_rad = turn + math.radians(_uniform(rng, ranges.base_turn_deg))
+    tilt_rad = math.radians(uniform(rng, ranges.base_tilt_deg))
+    spin_rad = turn + math.radians(uniform(rng, ranges.base_turn_deg))
     rotation = Pose.from_euler([rng.uniform(-0.1, 0.1), tilt_rad, spin_rad], np.zeros(3)).rotation
     return Pose(axes.T @ rotation, axes[:2].T @ position_m)
 
@@ -313,25 +309,25 @@ def _catheter(ranges: XrayRanges, rng: np.random.Generator) -> CatheterConstruct
     pitch_m = ranges.ring_m + ranges.ring_gap_m
     first_m = ranges.electrode_m + ranges.ring_gap_m
     return CatheterConstruction(
-        radius_m=0.5 * _uniform(rng, ranges.diameter_m),
+        radius_m=0.5 * uniform(rng, ranges.diameter_m),
         electrode_m=ranges.electrode_m,
         rings_m=tuple((first_m + k * pitch_m, first_m + k * pitch_m + ranges.ring_m) for k in range(3)),
-        barium_sulphate=_uniform(rng, ranges.barium_sulphate),
-        wall=_uniform(rng, ranges.wall),
-        braid=_uniform(rng, ranges.braid),
-        core=_uniform(rng, ranges.core),
-        uneven=_uniform(rng, ranges.uneven),
+        barium_sulphate=uniform(rng, ranges.barium_sulphate),
+        wall=uniform(rng, ranges.wall),
+        braid=uniform(rng, ranges.braid),
+        core=uniform(rng, ranges.core),
+        uneven=uniform(rng, ranges.uneven),
     )
 
 
 def _anatomy(ranges: XrayRanges, rng: np.random.Generator) -> Anatomy:
     """Draws position and relative densities of a patient's organs, and the number of wires and leads."""
     return Anatomy(
-        spine_m=(_uniform(rng, ranges.spine_x_m), _uniform(rng, ranges.spine_y_m)),
-        bone=_uniform(rng, ranges.bone),
-        lung=_uniform(rng, ranges.lung),
-        dome_m=_uniform(rng, ranges.dome_m),
-        heart_size=_uniform(rng, ranges.heart_size),
+        spine_m=(uniform(rng, ranges.spine_x_m), uniform(rng, ranges.spine_y_m)),
+        bone=uniform(rng, ranges.bone),
+        lung=uniform(rng, ranges.lung),
+        dome_m=uniform(rng, ranges.dome_m),
+        heart_size=uniform(rng, ranges.heart_size),
         sternal_wires=int(rng.integers(4, 8)) if rng.random() < ranges.sternal_wires else 0,
         leads=int(rng.integers(ranges.leads[0], ranges.leads[1] + 1)),
     )
@@ -354,10 +350,10 @@ def _instruments(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Instrume
         route = str(rng.choice(list(_ROUTE_SHARES), p=list(_ROUTE_SHARES.values())))
         knots_mm, radius_m = _route(route, rng)
         spread_mm = _WIRE_SPREAD_MM if route == "wire" else _OTHER_SPREAD_MM
-        sway_m = _uniform(rng, ranges.sway_m)
+        sway_m = uniform(rng, ranges.sway_m)
         found.append(_instrument(_KINDS[route], radius_m, knots_mm, rng, sway_m, spread_mm))
     if rng.random() < ranges.probe:
-        radius_m, knots_mm = _uniform(rng, _PROBE_RADIUS_M), np.array(_PROBE_KNOTS_MM, np.float64)
+        radius_m, knots_mm = uniform(rng, _PROBE_RADIUS_M), np.array(_PROBE_KNOTS_MM, np.float64)
         found.append(_instrument("probe", radius_m, knots_mm, rng, _PROBE_SWAY_M, _PROBE_SPREAD_MM))
     return tuple(found)
 
