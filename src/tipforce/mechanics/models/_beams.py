@@ -211,26 +211,30 @@ def _solve(
     first_share: float,
     nodes: FloatArray,
 ) -> bool:
-    """Raises the load from 0, as in `_solve_chain`; the positions of the last integration remain in ``nodes``."""
-    at_base = share = angle = 0.0
+    """Solves the moment at the base while the load is raised from 0; returns whether it converged.
+
+    A step whose iteration fails or whose tip jumps is halved, so that the shape stays on the unloaded branch. The
+    arguments are those of `_shoot`, whose ``nodes`` remain; ``first_share``: share of the load in the first step.
+    """
+    at_base = share = last_angle = 0.0
     step = first_share
-    _, _, angle, _ = _shoot(curvature, length, lever, ei, (0.0, 0.0, 0.0), 0.0, nodes)
+    _, _, last_angle, _ = _shoot(curvature, length, lever, ei, (0.0, 0.0, 0.0), 0.0, nodes)
     converged = True
     while share < 1.0:
         target = min(1.0, share + step)
         load = (target * whole[0], target * whole[1], target * whole[2])
-        tried, now, converged = at_base, angle, False
+        trial, tip_angle, converged = at_base, last_angle, False
         for _ in range(_MAX_ITERATIONS):
-            miss, slope, now, turn = _shoot(curvature, length, lever, ei, load, tried, nodes)
+            miss, slope, tip_angle, angle_slope = _shoot(curvature, length, lever, ei, load, trial, nodes)
             if abs(miss) * length < _TOLERANCE * ei:
                 converged = True
                 break
             if not slope > 0.0:  # a conjugate point: on another branch, or not stable
                 break
             change = -miss / slope
-            tried += change * min(1.0, _MAX_TURN / max(abs(change * turn), 1e-300))
-        if (converged and abs(now - angle) < _MAX_JUMP) or step < 1e-3:
-            share, at_base, angle = target, tried, now
+            trial += change * min(1.0, _MAX_TURN / max(abs(change * angle_slope), 1e-300))
+        if (converged and abs(tip_angle - last_angle) < _MAX_JUMP) or step < 1e-3:
+            share, at_base, last_angle = target, trial, tip_angle
         else:
             step *= 0.5
     return converged

@@ -122,9 +122,9 @@ def mean_stiffness(rod: PlanarRod) -> float:
     """
     edges = np.linspace(0.0, rod.flexible_length_m, 4 * rod.segments + 1)
     arc = 0.5 * (edges[1:] + edges[:-1])
-    slope = stiffness_at(rod, arc) * (1 + (curvature_at(rod, arc) / rod.stiffening_curvature_per_m) ** 2)
+    stiffnesses = stiffness_at(rod, arc) * (1 + (curvature_at(rod, arc) / rod.stiffening_curvature_per_m) ** 2)
     weight = (rod.length_m - arc) ** 2
-    return float(weight.sum() / (weight / slope).sum())
+    return float(weight.sum() / (weight / stiffnesses).sum())
 
 
 def nodes_at(rod: PlanarRod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -157,5 +157,5 @@ def first_share(rod: PlanarRod, fx: float, fy: float, moment_nm: float) -> float
     Returns:
         The share, 0 to 1.
     """
-    size = (math.hypot(fx, fy) * rod.length_m**2 + abs(moment_nm) * rod.length_m) / rod.bending_stiffness_nm2
-    return 1.0 / max(1.0, math.ceil(size))
+    bend_rad = (math.hypot(fx, fy) * rod.length_m**2 + abs(moment_nm) * rod.length_m) / rod.bending_stiffness_nm2
+    return 1.0 / max(1.0, math.ceil(bend_rad))

@@ -453,14 +453,18 @@ def _add_joints(q: FloatArray, rod: Elastic, gradient: FloatArray, band: FloatAr
 
 @compiled
 def _hold(touch: Touch, normal: float, slope: float, first: float, second: float, work: Work, m: int) -> None:
-    """Fills the stiffness of the tangential force into ``work.firm``, whose last two rows are t1 and t2."""
+    """Fills the stiffness of the tangential force into ``work.firm`` (m, m), whose last two rows are t1 and t2.
+
+    ``normal``: normal force in N, ``slope``: its slope in N/m; ``first``, ``second``: way along t1 and t2 in m. In slip
+    the force follows the normal force and keeps the direction of the way.
+    """
     firm, i, j = work.firm, m - 2, m - 1
     _, _, slips = tangential_force(touch, normal, first, second)
     if not slips:
         firm[i, i] = firm[j, j] = touch.kt
         return
-    way = math.hypot(first, second)
-    s1, s2, across = first / way, second / way, touch.friction * normal / way
+    way_m = math.hypot(first, second)
+    s1, s2, across = first / way_m, second / way_m, touch.friction * normal / way_m
     firm[i, 0], firm[j, 0] = touch.friction * slope * s1, touch.friction * slope * s2
     firm[i, i], firm[j, j] = across * s2 * s2, across * s1 * s1
     firm[i, j] = firm[j, i] = -across * s1 * s2
@@ -468,7 +472,10 @@ def _hold(touch: Touch, normal: float, slope: float, first: float, second: float
 
 @compiled
 def _add_arm(fx: float, fy: float, fz: float, arm: FloatArray, r: int, gradient: FloatArray, band: FloatArray) -> None:
-    """Adds a dead force, given in the electrode's frame, at ``arm`` from its lever's end."""
+    """Adds gradient and Hessian of a dead force (fx, fy, fz) in the electrode's frame, at ``arm`` (3,) from the lever.
+
+    ``r``: first row of the electrode in ``gradient`` (3k,) and ``band`` (3k, 6).
+    """
     a, b, c = arm[0], arm[1], arm[2]
     gradient[r] -= b * fz - c * fy
     gradient[r + 1] -= c * fx - a * fz
