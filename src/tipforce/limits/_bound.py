@@ -245,11 +245,7 @@ class CramerRaoBound:
         return np.concatenate([white, row], axis=1)
 
     def _free(self, known: Iterable[str]) -> tuple[list[int], bool]:
-        """Returns the indices of the parameters whose group is not in ``known``, and whether the constant noise is not.
-
-        Raises:
-            ValueError: a group does not exist, or is that of the force.
-        """
+        """Returns the indices of the parameters whose group is not ``known``; whether the constant noise is free."""
         groups, known = {parameter.group for parameter in self.parameters} | {SESSION_NOISE}, set(known)
         if known - groups or "force" in known:
             allowed = ", ".join(sorted(groups - {"force"}))

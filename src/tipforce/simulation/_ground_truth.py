@@ -226,7 +226,7 @@ def write_truth(truth: Truth, path: Path) -> None:
 
 
 def _read_arrays(kind: type[Truth | ViewTruth], arrays: Mapping[str, npt.NDArray[Any]], prefix: str) -> dict[str, Any]:
-    """Returns the fields of ``kind`` that are stored as arrays, by name, or raises KeyError; the inverse of `_arrays`.
+    """Returns the fields of ``kind`` that are stored as arrays, by name: the inverse of `_arrays`.
 
     ``prefix``: prefix of the names in the file, such as "b." for the second view; a field with a default may be absent.
     """

@@ -283,10 +283,7 @@ class XrayImaging:
         return cast("Image", image)  # 8 bits
 
     def _pulse(self, number: int, delay_s: float) -> Pulse:
-        """Returns the input of the image of frame ``number``, exposed ``delay_s`` after the first view.
-
-        The last `_KEPT_PULSES` pulses are stored: the next images need them again for the detector's lag.
-        """
+        """Returns the input of frame ``number``, exposed ``delay_s`` late; the last ones are stored for the lag."""
         if (number, delay_s) not in self._pulses:
             time_s = float(self._times_s[number]) + delay_s
             shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, _XRAY_EXPOSURE_INSTANTS)
@@ -336,10 +333,7 @@ class XrayImaging:
         )
 
     def _scale_uncertainty(self) -> float | None:
-        """Returns the relative standard uncertainty of the scale due to the catheter's unknown depth.
-
-        The scale holds at the isocentre; ``depth_m`` nearer to the source it is smaller in proportion to the distance.
-        """
+        """Returns the relative standard uncertainty of the scale due to the catheter's unknown depth."""
         variety = self.settings.scene.variety
         if variety is None:
             return None

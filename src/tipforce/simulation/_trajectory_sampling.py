@@ -173,13 +173,9 @@ class Readings:
         side = None
         if self.bench_model.wall.side_stiffness_n_per_m2 > 0.0:
             side = -contact.side_force_n[rows], trajectory.side_touch_m(rows) - origin
-        return SensorLoad(
-            trajectory.time_s[rows],
-            -contact.force_n[rows],
-            contact.touch_m[rows] - origin,
-            trajectory.acceleration_m_per_s2[rows],
-            side,
-        )
+        lever_m = contact.touch_m[rows] - origin
+        acceleration = trajectory.acceleration_m_per_s2[rows]
+        return SensorLoad(trajectory.time_s[rows], -contact.force_n[rows], lever_m, acceleration, side)
 
     def wrench(self, row: int) -> Wrench:
         """Returns a reading of the force sensor, stamped by its own clock."""

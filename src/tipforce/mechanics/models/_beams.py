@@ -127,14 +127,9 @@ class LargeDeflection(RodModel):
         rod = self.rod
         nodes = np.zeros((self.steps + 2, 2))
         converged = _solve(
-            self._curvature_per_m,
-            rod.flexible_length_m,
-            rod.rigid_length_m,
-            self._stiffness_nm2,
-            (fx, fy, moment_nm),
-            first_share(rod, fx, fy, moment_nm),
-            nodes,
-        )
+            self._curvature_per_m, rod.flexible_length_m, rod.rigid_length_m, self._stiffness_nm2,
+            (fx, fy, moment_nm), first_share(rod, fx, fy, moment_nm), nodes,
+        )  # fmt: skip
         arc = np.append(np.linspace(0.0, rod.flexible_length_m, self.steps + 1), rod.length_m)
         return PolylineShape(arc, nodes, bool(converged))
 

@@ -165,10 +165,7 @@ def sample_kind(settings: WorldSettings, rng: np.random.Generator) -> dict[str, 
 
 
 def _sample_more(settings: WorldSettings, rng: np.random.Generator) -> dict[str, Any]:
-    """Samples the values that only some presets draw; returns them by name.
-
-    They are drawn after all others, so that the sessions of the other presets do not change.
-    """
+    """Samples values that only some presets draw, after all others, so that sessions of other presets do not change."""
     wall, drawn = settings.wall, dict[str, Any]()
     if wall.log_stiffness:
         drawn["wall_stiffness_n_per_m"] = float(np.exp(rng.uniform(*np.log(wall.stiffness_n_per_m))))

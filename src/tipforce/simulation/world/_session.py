@@ -58,11 +58,7 @@ def catheter_of(settings: WorldSettings, seed: int, session: int) -> SampledDevi
 
 @lru_cache(maxsize=64)
 def _shared(settings_json: str, seed: int, number: int) -> SampledDevice:
-    """Returns catheter ``number`` of ``seed``, see `catheter_of`; settings are JSON so that the cache can compare them.
-
-    Raises:
-        InputError: no draw reaches the wanted forces.
-    """
+    """Returns catheter ``number`` of ``seed``, see `catheter_of`; settings are JSON, which the cache can compare."""
     settings = WorldSettings.model_validate_json(settings_json)
     first = number * settings.shaft.sessions_per_catheter
     for redraws in range(_REDRAWS):
@@ -134,11 +130,7 @@ def bench_of(settings: WorldSettings, seed: int, session: int) -> dict[str, floa
 
 @lru_cache(maxsize=64)
 def _shared_bench(settings_json: str, seed: int, number: int) -> dict[str, float]:
-    """Returns the parameters of bench ``number`` of ``seed``, see `bench_of`.
-
-    Raises:
-        InputError: no draw reaches the wanted forces.
-    """
+    """Returns the parameters of bench ``number`` of ``seed``, see `bench_of`; settings are JSON as in `_shared`."""
     settings = WorldSettings.model_validate_json(settings_json)
     device = catheter_of(settings, seed, number * settings.sessions_per_bench).device
     for redraw in range(_REDRAWS):
@@ -223,13 +215,10 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
         parameters = replace(parameters, **shared)
         bench_model = build_bench_model(settings, parameters)
         motion_profile = compose_motion(bench_model, time_s, rng)
-        solved = solve(
-            build_bench_model(settings, parameters, resolution.trial_segment_m)
-            if resolution.trial_segment_m
-            else bench_model,
-            motion_profile,
-            resolution,
-        )
+        trial_model = bench_model
+        if resolution.trial_segment_m:
+            trial_model = build_bench_model(settings, parameters, resolution.trial_segment_m)
+        solved = solve(trial_model, motion_profile, resolution)
         rejection = solved if isinstance(solved, str) else ""
         if isinstance(solved, Motion):
             trajectory = integrate_trajectory(bench_model, motion_profile, solved, resolution.every)

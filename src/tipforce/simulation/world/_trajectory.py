@@ -62,24 +62,13 @@ def _drives(
     clamp, knob, motion = settings.clamp, settings.knob_drive, settings.motion
     # Without commands nothing moves the clamp, and a hand moves the knob; motors drive the stage.
     clamp_axis, stage_axis = (
-        AxisModel(
-            axis.step_m,
-            axis.max_speed_m_per_s,
-            axis.max_acceleration_m_per_s2,
-            axis.delay_s,
-            axis.lag_s,
-            *axis.travel_m,
-        )
-        for axis in (clamp, motion)
+        AxisModel(ax.step_m, ax.max_speed_m_per_s, ax.max_acceleration_m_per_s2, ax.delay_s, ax.lag_s, *ax.travel_m)
+        for ax in (clamp, motion)
     )
     knob_axis = AxisModel(
-        knob.step_deg,
-        knob.max_speed_deg_per_s,
-        knob.max_acceleration_deg_per_s2,
-        knob.delay_s,
-        knob.lag_s,
+        knob.step_deg, knob.max_speed_deg_per_s, knob.max_acceleration_deg_per_s2, knob.delay_s, knob.lag_s,
         *knob.travel_deg,
-    )
+    )  # fmt: skip
     return (
         Drive(clamp_axis, dt, np.zeros(motion_profile.time_s.size), by_hand=True),
         Drive(knob_axis, dt, motion_profile.knob_deg, by_hand=True),

@@ -221,20 +221,13 @@ def make_static_layers(
     phantom = None
     if tissue is not None:
         phantom = paint_phantom(scene, camera, tissue, width, height, channels, blur_px)
+    ground = np.ascontiguousarray(_channels(ground, channels) * light)
+    catheter = make_tube(scene, scene.catheter, length_m, px_per_m, focus, base_depth_m, scene.seed)
+    second = make_instrument(scene, px_per_m, focus, base_depth_m)
     return StaticLayers(
-        scene,
-        camera,
-        focus,
-        px_per_m,
-        np.ascontiguousarray(_channels(ground, channels) * light),
-        light,
-        foreground,
-        _box_of(foreground),
-        phantom,
-        make_tube(scene, scene.catheter, length_m, px_per_m, focus, base_depth_m, scene.seed),
-        make_instrument(scene, px_per_m, focus, base_depth_m),
+        scene, camera, focus, px_per_m, ground, light, foreground, _box_of(foreground), phantom, catheter, second,
         gauss_table(),
-    )
+    )  # fmt: skip
 
 
 def _channels(levels: FloatImage, channels: int) -> FloatImage:

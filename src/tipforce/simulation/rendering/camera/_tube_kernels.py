@@ -152,13 +152,8 @@ def add_tube(
                     if shifted > far:
                         continue
                     around = math.atan2(ry, rx) - 0.5 * math.pi
-                    _look_up(
-                        table,
-                        blur,
-                        around * per_turn + 2 * table.shape[1],
-                        (shifted * scale + reach) * STEPS_PER_PX,
-                        seen,
-                    )
+                    direction = around * per_turn + 2 * table.shape[1]
+                    _look_up(table, blur, direction, (shifted * scale + reach) * STEPS_PER_PX, seen)
                     arc_m = end_m
                 else:
                     before_b = (bx - u) * ox + (by - v) * oy

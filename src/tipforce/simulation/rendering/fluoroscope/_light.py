@@ -156,12 +156,9 @@ class ScatterAndGlare:
         """
         scatter_blocks, glare_blocks = (sigma * px_per_m / BLOCK for sigma in (detector.scatter_m, detector.glare_m))
         rows, columns = shape
-        return cls(
-            (_spread(rows, scatter_blocks), _spread(columns, scatter_blocks)),
-            (_spread(rows, glare_blocks), _spread(columns, glare_blocks)),
-            detector.scatter,
-            detector.glare,
-        )
+        scatter = _spread(rows, scatter_blocks), _spread(columns, scatter_blocks)
+        glare = _spread(rows, glare_blocks), _spread(columns, glare_blocks)
+        return cls(scatter, glare, detector.scatter, detector.glare)
 
     def add(self, light: FloatImage, blocks: FloatImage, exposure: float) -> None:
         """Converts light to photons, with scatter and glare.

@@ -114,29 +114,14 @@ BIPLANE = XrayRanges(planes=2, scatter=(0.4, 1.1))
 """Two views, 90 +- 10 degrees apart; each scatters into the other."""
 FLUORO_VARIED = XrayRanges(
     variety=XrayVarietyRanges(),
-    primary_deg=(-60.0, 60.0),
-    secondary_deg=(-30.0, 30.0),
-    roll_deg=(-3.0, 3.0),
-    source_detector_m=(0.95, 1.25),
-    source_object_m=(0.66, 0.84),
-    scale_m_per_px=(0.17e-3, 0.30e-3),
-    centre_px=(-25.0, 25.0),
-    photons=(15.0, 600.0),
-    pulse_s=(4e-3, 15e-3),
-    blur_px=(0.4, 1.0),
-    lag_fast=(0.0, 0.12),
-    linear_display=0.4,
-    linear_level=(50.0, 130.0),
-    log_contrast=(40.0, 95.0),
-    base_inset_m=(-4e-3, 22e-3),
-    base_shift_m=(-20e-3, 20e-3),
-    base_turn_deg=(-25.0, 25.0),
-    devices=(0, 3),
-    probe=0.15,
-    bone=(0.6, 1.5),
-    sternal_wires=0.35,
-    leads=(0, 4),
-)
+    primary_deg=(-60.0, 60.0), secondary_deg=(-30.0, 30.0), roll_deg=(-3.0, 3.0),
+    source_detector_m=(0.95, 1.25), source_object_m=(0.66, 0.84),
+    scale_m_per_px=(0.17e-3, 0.30e-3), centre_px=(-25.0, 25.0),
+    photons=(15.0, 600.0), pulse_s=(4e-3, 15e-3), blur_px=(0.4, 1.0), lag_fast=(0.0, 0.12),
+    linear_display=0.4, linear_level=(50.0, 130.0), log_contrast=(40.0, 95.0),
+    base_inset_m=(-4e-3, 22e-3), base_shift_m=(-20e-3, 20e-3), base_turn_deg=(-25.0, 25.0),
+    devices=(0, 3), probe=0.15, bone=(0.6, 1.5), sternal_wires=0.35, leads=(0, 4),
+)  # fmt: skip
 """One view, as it differs from laboratory to laboratory."""
 BIPLANE_VARIED = FLUORO_VARIED.model_copy(
     update={"planes": 2, "between_planes_deg": (60.0, 100.0), "scatter": (0.4, 1.1)}
