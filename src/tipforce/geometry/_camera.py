@@ -43,6 +43,7 @@ class CameraModel:
     row: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Checks the values, makes the arrays read-only, and collects them in ``row``."""
         object.__setattr__(self, "focal_px", frozen("focal_px", self.focal_px, (2,)))
         object.__setattr__(self, "centre_px", frozen("centre_px", self.centre_px, (2,)))
         object.__setattr__(self, "distortion", frozen("distortion", self.distortion, (5,)))

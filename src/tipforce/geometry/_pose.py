@@ -31,10 +31,11 @@ class Pose:
     translation_m: FloatArray
 
     def __post_init__(self) -> None:
+        """Checks that the rotation is one; the arrays become read-only."""
         object.__setattr__(self, "rotation", frozen("rotation", self.rotation, (3, 3)))
         object.__setattr__(self, "translation_m", frozen("translation_m", self.translation_m, (3,)))
-        off = float(np.abs(self.rotation @ self.rotation.T - np.eye(3)).max())
-        if not (off < 1e-6 and np.linalg.det(self.rotation) > 0):
+        deviation = float(np.abs(self.rotation @ self.rotation.T - np.eye(3)).max())
+        if not (deviation < 1e-6 and np.linalg.det(self.rotation) > 0):
             raise ValueError(f"rotation: expected orthonormal columns and determinant 1, got {self.rotation.tolist()}")
         if not np.isfinite(self.translation_m).all():
             raise ValueError(f"translation_m: expected finite numbers, got {self.translation_m.tolist()}")

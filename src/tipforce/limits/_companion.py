@@ -107,8 +107,8 @@ def _read_bound(path: Path, sessions: Collection[str]) -> CompanionBound | None:
 def describe_nuisances(bounds: Sequence[CompanionBound]) -> list[str]:
     """Returns one sentence for each preset: its unknown parameters and their priors."""
     sentences: list[str] = []
-    for preset in dict.fromkeys(each.preset for each in bounds if not each.rejection_reason):
-        sets = [each.parameters for each in bounds if each.preset == preset and not each.rejection_reason]
+    for preset in dict.fromkeys(bound.preset for bound in bounds if not bound.rejection_reason):
+        sets = [bound.parameters for bound in bounds if bound.preset == preset and not bound.rejection_reason]
         described = [_describe(same) for same in zip(*sets, strict=True) if same[0].group != "force"]
         spread = ", ".join(f"{1e3 * math.sqrt(value):.2g}" for value in np.diag(CONTACT_FORCE_PRIORS_N2[preset]))
         sentences.append(

@@ -58,6 +58,7 @@ class SimulatedBench(ClosedAtExit):
         resolution: Resolution = FINE,
         name: str = "",
     ) -> None:
+        """Stores the arguments; parameters, trajectory and images are computed when they are needed."""
         self.preset_settings = settings or SimulationSettings()
         """The settings as given, from which the parameters of the session are drawn."""
         self.settings = settings_of_session(self.preset_settings, seed, session)

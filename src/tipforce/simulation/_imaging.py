@@ -85,6 +85,7 @@ class CameraImaging:
         times_s: FloatArray,
         first_frame: int,
     ) -> None:
+        """Draws the scene of the session; the renderer is made when the first image is needed."""
         bench_model, (rng, catheter_rng) = session.bench_model, rngs
         self._first_frame = first_frame
         self.settings, self._bench_model, self._exposed, self._times_s = settings, bench_model, exposed, times_s
@@ -219,6 +220,7 @@ class XrayImaging:
         times_s: FloatArray,
         kept: IntArray,
     ) -> None:
+        """Draws the scene; the catheter's size and the rhythm of heart and breath are those of the session's bench."""
         self.settings, self._exposed, self._times_s, self._kept = settings, exposed, times_s, kept
         self.views, self._delays_s = view_names(settings), view_delays_s(settings)
         self._length_m = bench_model.rod.length_m

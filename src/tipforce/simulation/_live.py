@@ -59,6 +59,7 @@ class SimulatedActuators(ClosedAtExit):
         reach: Callable[[int], None],
         lock: AbstractContextManager[Any],
     ) -> None:
+        """Sets up the axes; there is no knob axis if the device has no knob."""
         self._run, self._clock, self._reach, self._lock = run, clock, reach, lock
         drives = {ADVANCE: run.clamp, KNOB: run.knob, STAGE_FORWARD: run.forward, STAGE_ACROSS: run.across}
         if settings.actuation.gain_per_m_deg == 0.0:
@@ -185,6 +186,7 @@ class _LiveSource(SimulatedBench):
     """A session of ``plan`` that is simulated while its events are read, in the order of their arrival."""
 
     def __init__(self, plan: SimulatedBench, run: TrajectoryIntegrator, *, real_time: bool, images: bool) -> None:
+        """Starts the clock at the first event or at 0; the simulation is ahead of it by a drive's shortest delay."""
         super().__init__(plan.preset_settings, plan.seed, plan.number)
         self._plan, self.run, self._images = plan, run, images
         self._next = 0
@@ -282,6 +284,7 @@ class LiveSimulation:
         real_time: bool = False,
         images: bool = True,
     ) -> None:
+        """Stores the arguments; the session starts with the ``with`` statement."""
         self._plan = SimulatedBench(settings, seed, session)
         self._real_time, self._images = real_time, images
         self._begun: tuple[_LiveSource, SimulatedActuators] | None = None

@@ -117,7 +117,7 @@ def sample_set(
         seconds = min(world.seconds, two_breaths_s) if world.actuation.knob_deg_per_s == 0.0 else world.seconds
     world = world.model_copy(update={"seconds": seconds})
     require_long_enough(world)
-    most_frames = int(0.8 * seconds * world.clock.fps)
+    most_frames = int(0.8 * seconds * world.clock.fps)  # some frames are dropped or outside of the force log
     if per_session > most_frames:
         raise InputError(
             f"samples_per_session={per_session}: a session of {seconds:g} s has images enough for {most_frames}; state "

@@ -78,6 +78,7 @@ class FluoroSettings(_BenchSettings):
 
     @model_validator(mode="after")
     def _second_view_before_the_next_pulse(self) -> Self:
+        """Checks that a delayed second view exists and is exposed before the next pulse of the first one."""
         period_s = 1.0 / self.world.clock.fps
         if self.view_delay_s and self.scene.planes < 2:
             raise ValueError("expected two planes with view_delay_s; this bench has one")

@@ -98,6 +98,7 @@ class _ReadingLog:
     """A drive's readings at ``hertz``: ``values`` (k, n) of n axes by ``names``, rounded to ``digits`` decimals."""
 
     def __init__(self, hertz: float, seconds: float, names: tuple[str, ...], digits: int, place: Place) -> None:
+        """Sets up the times of the readings; `take` fills the values."""
         times = np.arange(round(seconds * hertz)) / hertz
         self.stamp_ns: IntArray = np.round(times * 1e9).astype(np.int64)
         self.names, self.digits = names, digits
@@ -132,6 +133,7 @@ class Readings:
     """
 
     def __init__(self, bench_model: BenchModel, place: Place, rng: np.random.Generator) -> None:
+        """Sets up the logs, which have one row for each reading of the session; `take` fills them."""
         world = bench_model.settings
         angle = float(np.arctan2(bench_model.forward[1], bench_model.forward[0]))
         self.bench_model, self._home_m = bench_model, world.clamp.home_m

@@ -124,6 +124,7 @@ class LargeDeflection(RodModel):
         object.__setattr__(self, "_stiffness_nm2", mean_stiffness(self.rod))
 
     def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
+        """Returns the shape under a tip force in N and moment in N m; `_solve` of this module finds the base moment."""
         rod = self.rod
         nodes = np.zeros((self.steps + 2, 2))
         converged = _solve(

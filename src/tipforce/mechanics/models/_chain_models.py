@@ -275,6 +275,7 @@ class MassSpring(RodModel):
     _chain: Chain = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Builds the chain: a bending spring at each particle, and links that the pull along them lengthens."""
         if self.pieces < 1 or not self.diameter_m > 0:
             raise ValueError(f"a mass-spring chain needs a piece and a positive diameter, got {self}")
         rod, n = self.rod, self.pieces
@@ -316,6 +317,7 @@ class ConstantCurvature(RodModel):
     _chain: Chain = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Builds the chain: ``arcs`` equal arcs, and the rigid electrode as a link at the last one."""
         if self.arcs < 1:
             raise ValueError(f"arcs: expected at least 1, got {self.arcs}")
         rod, n = self.rod, self.arcs
@@ -334,6 +336,7 @@ class ConstantCurvature(RodModel):
         object.__setattr__(self, "_chain", chain)
 
     def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
+        """Solves the angle at the end of each arc, and returns points on the arcs, then the electrode's end."""
         rod, n, chain = self.rod, self.arcs, self._chain
         ends = np.empty(n)
         converged = _solve_chain(chain, fx, fy, moment_nm, first_share(rod, fx, fy, moment_nm), ends)

@@ -137,12 +137,13 @@ def nodes_at(rod: PlanarRod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]
     Returns:
         (k, 2) positions in metres and (k,) angles in rad, base frame.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(5)
+    # Gauss-Legendre quadrature of the tangent over each piece.
+    gauss_nodes, weights = np.polynomial.legendre.leggauss(5)
     step = np.diff(arc_m)
-    inside = arc_m[:-1, None] + 0.5 * step[:, None] * (1 + nodes)
+    inside = arc_m[:-1, None] + 0.5 * step[:, None] * (1 + gauss_nodes)
     angle = _angle_at(rod, inside.ravel()).reshape(inside.shape)
-    ways = 0.5 * step[:, None] * np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1)
-    return np.vstack([np.zeros((1, 2)), np.cumsum(ways, axis=0)]), _angle_at(rod, arc_m)
+    steps_m = 0.5 * step[:, None] * np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1)
+    return np.vstack([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)]), _angle_at(rod, arc_m)
 
 
 def first_share(rod: PlanarRod, fx: float, fy: float, moment_nm: float) -> float:

@@ -37,6 +37,7 @@ class PseudoRigidBody(RodModel):
     _numbers: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Computes hinge, link, electrode and spring of the unloaded rod."""
         rod = self.rod
         nodes, angles = nodes_at(rod, np.linspace(0.0, rod.flexible_length_m, rod.segments + 1))
         hinge = (1 - _GAMMA) * rod.flexible_length_m
@@ -80,10 +81,10 @@ def _turn(numbers: FloatArray, fx: float, fy: float, moment: float, first_share:
             gradient = spring * trial - target * radius * (fy * c - fx * s)
             gradient -= target * _C_THETA * (lever * (fy * ca - fx * sa) + moment)
             slope = spring + target * radius * (fx * c + fy * s) + target * _C_THETA**2 * lever * (fx * ca + fy * sa)
-            change = -gradient / max(slope, 0.1 * spring)  # positive: downhill in the energy
+            change = -gradient / max(slope, 0.1 * spring)  # a positive slope: the step goes downhill in the energy
             trial += max(-0.4, min(0.4, change))
             is_last = abs(change) < 1e-9
-        if (converged and abs(trial - turn) < 0.7) or step < 1e-3:
+        if (converged and abs(trial - turn) < 0.7) or step < 1e-3:  # a larger turn, in rad, is a jump
             share, turn = target, trial
         else:
             step *= 0.5

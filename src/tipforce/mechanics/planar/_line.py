@@ -447,7 +447,7 @@ def predict_held_line(
         Whether there is such a shape.
     """
     rod = _rod_at(q, model, line, work)
-    for i in range(work.theta.size):
+    for i in range(work.theta.size):  # a copy, because `hold_in` overwrites ``k0``
         work.unloaded[i] = work.k0[i]
     hold = Hold(q[_FX], q[_FY], c, s, lever_per_m_n)
     found = hold_in(

@@ -177,7 +177,7 @@ def newton_step(work: Work, m: int, loose: int, shift: float) -> int:
             band[r, i] = hessian[r, i]
         work.step[r] = -work.gradient[r]
     negative = factorise(band, shift, work.skew, work.tail)
-    for i in range(m):
+    for i in range(m):  # T^-1 B'
         for r in range(band.shape[0]):
             work.solved[i, r] = work.rows[i, r]
         solve(band, work.tail, work.solved[i])
@@ -186,15 +186,15 @@ def newton_step(work: Work, m: int, loose: int, shift: float) -> int:
             dot = 0.0
             for r in range(band.shape[0]):
                 dot += work.rows[i, r] * work.solved[j, r]
-            work.compliance[i, j] = dot
-    for i in range(m):
+            work.compliance[i, j] = dot  # B T^-1 B'
+    for i in range(m):  # I + K B T^-1 B'
         for j in range(m):
             value = 1.0 if i == j else 0.0
             for k in range(m):
                 if work.firm[i, k] != 0.0:
                     value += work.firm[i, k] * work.compliance[k, j]
             small[i, j] = value
-    for k in range(m):
+    for k in range(m):  # its LU factors in place; negative pivots are counted
         if not small[k, k] > 0.0 and k < m - loose:
             negative -= 1
         if small[k, k] == 0.0:

@@ -224,11 +224,12 @@ class SpatialShapes:
         Returns:
             (count,) False where a length or stiffness is not positive, or a curvature is beyond the stiffening law.
         """
-        bend = np.hypot(parameters[:, _CURVATURE], parameters[:, _CURVATURE + 1])
-        span = self.rod.flexible_length_m / self.rod.segments
-        possible = (parameters[:, _STIFFNESS : _LENGTH + 1] > -0.9).all(axis=1) & (bend * span < _MOST_BEND_RAD)
+        # Lengths and stiffnesses above 10 % of the nominal ones; the limit 3: see `SpatialRod.check_stiffening`.
+        curvature = np.hypot(parameters[:, _CURVATURE], parameters[:, _CURVATURE + 1])
+        joint_m = self.rod.flexible_length_m / self.rod.segments
+        possible = (parameters[:, _STIFFNESS : _LENGTH + 1] > -0.9).all(axis=1) & (curvature * joint_m < _MOST_BEND_RAD)
         stiffening = parameters[:, _STIFFENING]
-        return possible & np.isfinite(parameters).all(axis=1) & (stiffening >= 0.0) & (bend**2 * stiffening < 3.0)
+        return possible & np.isfinite(parameters).all(axis=1) & (stiffening >= 0.0) & (curvature**2 * stiffening < 3.0)
 
     def solve(
         self, parameters: FloatArray, quaternions: FloatArray, parents: IntArray | None = None

@@ -82,6 +82,7 @@ class ForceSensor:
         seconds: float,
         rng: np.random.Generator,
     ) -> None:
+        """Draws clock, pose, bias, drift and noise of the sensor; `take` fills the readings."""
         offset_s = float(rng.uniform(*clock.force_offset_ms)) * 1e-3
         drift = float(rng.uniform(*clock.force_drift_ppm)) * 1e-6
         nominal_deg = float(round(math.degrees(normal_angle_rad)))

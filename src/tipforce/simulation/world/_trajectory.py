@@ -48,6 +48,7 @@ class Trajectory:
         contact, wall = self.contact, self.contact.wall
         nodes = contact.rod.nodes_m(contact.quaternions[rows], contact.advance_m[rows])[:, 1:-1]
         normal = np.asarray(wall.normal)
+        # The mean of the touching nodes, weighted by their depth in the tissue (their force is proportional to it).
         depth = np.maximum((nodes - self.wall_m[rows, None]) @ normal + self.radius_m, 0.0)
         total = depth.sum(axis=1, keepdims=True)
         centre = (depth[..., None] * nodes).sum(axis=1) / np.maximum(total, 1e-30)
@@ -98,6 +99,7 @@ class TrajectoryIntegrator:
     """
 
     def __init__(self, bench_model: BenchModel, motion_profile: MotionProfile, motion: Motion, every: int = 1) -> None:
+        """Makes drives and contact solver, and allocates the rows of the trajectory, which `advance` fills."""
         settings = bench_model.settings
         self.bench_model, self._motion_profile, self._every = bench_model, motion_profile, every
         self.drives = self.clamp, self.knob, self.forward, self.across = _drives(

@@ -121,6 +121,11 @@ def multi_scale_noise(
     return total
 
 
+def canvas_px(image_px: FloatArray) -> FloatArray:
+    """Converts image pixels to canvas pixels; the centres of both are at integers, so that their borders differ."""
+    return image_px * FINER + 0.5 * (FINER - 1)
+
+
 def soften(image: FloatImage, sigma: float) -> FloatImage:
     """Blurs an image; a wide blur is done on a smaller image, where the difference is not visible.
 

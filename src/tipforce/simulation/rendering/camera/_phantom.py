@@ -12,7 +12,7 @@ from ....geometry import CameraModel
 from ....mechanics import face_depths
 from ....types import FloatArray
 from .._exposure import TissueHome
-from ._canvas import FINER, FloatImage, Part, Patch, SceneCanvas, multi_scale_noise, soften
+from ._canvas import FINER, FloatImage, Part, Patch, SceneCanvas, canvas_px, multi_scale_noise, soften
 from ._scene import CameraScene
 
 MARGIN_M = 24e-3
@@ -71,7 +71,7 @@ def paint_phantom(
     margin = math.ceil(MARGIN_M * px_per_m)  # the canvas extends beyond the image, because the phantom moves
     canvas = SceneCanvas.empty(width + 2 * margin, height + 2 * margin, px_per_m, scene)
     rng = np.random.default_rng([scene.seed, 2])
-    origin = (home_px + margin) * FINER + 0.5 * (FINER - 1)
+    origin = canvas_px(home_px + margin)
     along = np.array([-into[1], into[0]])
     unit = canvas.px_per_m
 

@@ -45,6 +45,7 @@ class CameraRenderer:
         width: int = 640,
         height: int = 480,
     ) -> None:
+        """Paints all that does not move."""
         self.scene = scene
         self.camera = scene.camera(width, height) if camera is None else camera
         self._layers = make_static_layers(scene, self.camera, length_m, tissue, width, height)

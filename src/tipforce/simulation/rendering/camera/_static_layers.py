@@ -10,7 +10,7 @@ from ....geometry import CameraModel
 from .._exposure import TissueHome
 from .._random import gauss_table
 from ._background import illumination, paint_background, paint_front_objects
-from ._canvas import FINER, Box, FloatImage, Patch, SceneCanvas, band, multi_scale_noise, soften
+from ._canvas import Box, FloatImage, Patch, SceneCanvas, band, canvas_px, multi_scale_noise, soften
 from ._phantom import Phantom, paint_phantom
 from ._scene import CameraScene, CoverPlate, Occluder
 from ._tube_model import Focus, Tube, make_instrument, make_tube
@@ -36,8 +36,7 @@ def _lay_cover(canvas: SceneCanvas, camera: CameraModel, cover: CoverPlate, rng:
         edge_point + end * cover.half_m * along + depth_m * into
         for end, depth_m in ((-1, 0), (1, 0), (1, far), (-1, far))
     ]
-    seen = camera.project(np.column_stack([np.array(corners), np.zeros(4)])) * FINER + 0.5 * (FINER - 1)
-    shape = canvas.outline(seen)
+    shape = canvas.outline(canvas_px(camera.project(np.column_stack([np.array(corners), np.zeros(4)]))))
     worn = multi_scale_noise(rng, shape.shape, (3.0, 60.0, 300.0), 0.9)[shape.part]
     bright = canvas.bevel(shape, 2.5) * (1 + 0.03 * worn)
     canvas.lay(shape, cover.colour, height_m=_HEIGHT_M, shading=bright.astype(np.float32))
@@ -128,7 +127,7 @@ def _lay_occluder(canvas: SceneCanvas, camera: CameraModel, cover: Occluder, rng
     lengths_m = rng.uniform(8e-3, 30e-3, 2)
     extra_m = 0.2 if cover.kind == "cable" else 0.0
     ends_m = np.array([-(lengths_m[0] + extra_m), lengths_m[1] + extra_m])[:, None] * along + (middle_m, 0.0, 0.0)
-    ends_px = camera.project(ends_m) * FINER + 0.5 * (FINER - 1)
+    ends_px = canvas_px(camera.project(ends_m))
     half_width_px = 0.5 * (cover.to_m - cover.from_m) * math.cos(cover.slant_rad) * canvas.px_per_m
     shape = canvas.outline(band(ends_px[0], ends_px[1], half_width_px))
     if cover.kind == "cable":

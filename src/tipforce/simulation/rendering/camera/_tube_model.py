@@ -207,6 +207,7 @@ def project_tube(
     outline = camera.project(sides.reshape(-1, 3)).reshape(2, -1, 2)
     _, slopes = camera.project_with_slopes(points)
     nodes = np.empty((len(points), NODE_SIZE))
+    # Columns of `NODE_SIZE`: position, derivative by the node's number, unit tangent, half width, blur.
     nodes[:, :2] = 0.5 * (outline[0] + outline[1])
     nodes[:, 4:6] = (slopes @ tangents[:, :, None])[:, :, 0]
     nodes[:, 2:4] = nodes[:, 4:6] / np.hypot(nodes[:, 4], nodes[:, 5])[:, None]
@@ -285,7 +286,7 @@ def make_tube(
     Returns:
         The tube.
     """
-    # The tables reach from the sharpest to the most blurred that the tube can come to be by leaving its plane.
+    # The tables cover the blur from the sharpest one to that of a tube 12 mm before or behind its plane.
     blurs_px = [focus.sigma_px(depth_m + off) for off in (-12e-3, 0.0, 12e-3)]
     blur_range_px = (0.97 * focus.sharp_px, 1.05 * max(blurs_px) + 0.05)
     light = scene.light

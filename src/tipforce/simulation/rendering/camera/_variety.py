@@ -172,7 +172,7 @@ def vary_scene(
             mosaic, float(rng.uniform(*variety.sharpen)), float(rng.uniform(*variety.sharpen_px)), grey_camera
         ),
         front_objects=int(rng.integers(variety.front_objects[0], variety.front_objects[1] + 1)),
-        front_blur_px=float(rng.uniform(*variety.front_blur_px)) * framing.size[0] / 640.0,
+        front_blur_px=float(rng.uniform(*variety.front_blur_px)) * framing.size[0] / 640.0,  # stated for 640 columns
     )
 
 

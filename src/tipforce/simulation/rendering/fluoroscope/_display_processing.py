@@ -59,6 +59,7 @@ class Display:
     """
 
     def __init__(self, processing: DisplayProcessing, opened: BoolArray, arm: CArm, beam: XrayBeam, seed: int) -> None:
+        """Prepares the shading of the corners and the lines of text."""
         self._processing, self._opened, self._rate_hz = processing, opened, beam.rate_hz
         height, width = opened.shape
         self._finer = width / 512.0

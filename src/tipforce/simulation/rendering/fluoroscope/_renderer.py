@@ -105,6 +105,7 @@ class XrayRenderer:
     def __init__(
         self, scene: XrayScene, length_m: float, *, view: int = 0, width: int = 512, height: int = 512, bits: int = 8
     ) -> None:
+        """Paints all that does not move, and prepares detector, display and exposure control."""
         if width % BLOCK or height % BLOCK or not 8 <= bits <= 16:
             raise ValueError(
                 f"an X-ray image: expected sides that are multiples of {BLOCK} and 8 to 16 bits, "
@@ -257,12 +258,12 @@ class XrayRenderer:
 
     def _cameras(self, time_s: float) -> tuple[CameraModel, CameraModel]:
         """Returns the camera models whose worlds are the base frame and the patient's frame, wherever the table is."""
-        layers, moved = self._layers, self._pan_m(time_s)
-        if not moved.any():
+        layers, table_m = self._layers, self._pan_m(time_s)
+        if not table_m.any():
             return layers.camera, layers.patient_camera
-        pose = layers.patient_camera.camera_from_world @ Pose(np.eye(3), moved)
-        base = pose @ self.scene.patient_from_base
-        return layers.camera.seen_from(base), layers.patient_camera.seen_from(pose)
+        camera_from_patient = layers.patient_camera.camera_from_world @ Pose(np.eye(3), table_m)
+        camera_from_base = camera_from_patient @ self.scene.patient_from_base
+        return layers.camera.seen_from(camera_from_base), layers.patient_camera.seen_from(camera_from_patient)
 
     def _shine(
         self,

@@ -133,8 +133,8 @@ def _add_disc(
                 value *= (_bell((ahead + q) / _SOFT_PX) - _bell((ahead - q) / _SOFT_PX)) / (2.0 * q)
             else:
                 fall = 1.0 - (ahead / _SOFT_PX) ** 2
-                value *= 0.9375 / _SOFT_PX * fall * fall
-            drawn[v, u] += value * (1.0 - bend * across)
+                value *= 0.9375 / _SOFT_PX * fall * fall  # (1 - e^2)^2, whose integral from -1 to 1 is 1 / 0.9375
+            drawn[v, u] += value * (1.0 - bend * across)  # discs are closer together on the inner side of a bend
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -473,12 +473,13 @@ def add_side_view(
         x3, y3 = 2 * (ax - bx) + x1 + nodes[j, 5], 2 * (ay - by) + y1 + nodes[j, 6]
         mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
         cx, cy = (bx - ax) / chord, (by - ay) / chord
-        bow = 0.15 * chord * abs(tx * oy - ty * ox) + 0.5
+        bow = 0.15 * chord * abs(tx * oy - ty * ox) + 0.5  # largest distance of the axis from its chord, px
         axis, sizes = (ax, ay, x1, y1, x2, y2, x3, y3), (start_m, length_m, radius_px, lean, metres)
         stretch = _Segment(axis, sizes, (discs[i], discs[j]), thicker)
         kept = 0
         for v in range(max(0, int(min(ay, by) - far - 2.0)), min(h, int(max(ay, by) + far + 2.0) + 2)):
             low, high = max(0, int(min(ax, bx) - far - 2.0)), min(w, int(max(ax, bx) + far + 2.0) + 2)
+            # Columns between the planes at both nodes, and within `far` of the axis.
             low, high = columns(low, high, tx, (v - ay) * ty - ax * tx + before)
             low, high = columns(low, high, -ox, (by - v) * oy + bx * ox + after)
             level = (v - my) * cx + mx * cy
