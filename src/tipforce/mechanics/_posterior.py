@@ -102,10 +102,10 @@ def _kept(step_s: float, memory_s: float) -> float:
 def _root(covariance: FloatArray) -> FloatArray:
     """Returns the lower triangular matrix whose product with its transpose is the covariance."""
     # Scaled to one on the diagonal: the units of the unknowns differ by ten powers of ten.
-    size = np.sqrt(np.diag(covariance))
-    if not (size > 0).all():
+    std = np.sqrt(np.diag(covariance))
+    if not (std > 0).all():
         raise ValueError("every unknown needs a prior: a standard deviation above 0; leave out unknowns of exact value")
     try:
-        return size[:, None] * cholesky(covariance / np.outer(size, size), lower=True, check_finite=False)
+        return std[:, None] * cholesky(covariance / np.outer(std, std), lower=True, check_finite=False)
     except LinAlgError as error:
         raise ValueError("the covariance of the unknowns is not positive definite") from error

@@ -60,7 +60,7 @@ def _work(
 
 
 def _is_done(target: Path, settings: AnySimulationSettings, seed: int, number: int) -> bool:
-    """Returns whether ``target`` contains this very session.
+    """Returns whether ``target`` contains session ``number`` of ``seed`` with these settings.
 
     Raises:
         InputError: it contains another session.

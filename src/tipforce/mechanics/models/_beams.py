@@ -49,17 +49,17 @@ class LinearBeam(RodModel):
         nodes, angles = nodes_at(rod, edges)
         lever = rod.rigid_length_m * np.array([np.cos(angles[-1]), np.sin(angles[-1])])
         stiffer = 1 + (mean_curvature(rod, edges) / rod.stiffening_curvature_per_m) ** 2
-        bending = stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])) * stiffer
-        whole = np.zeros((3 * n + 3, 3 * n + 3))
+        bending_nm2 = stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])) * stiffer
+        stiffness = np.zeros((3 * n + 3, 3 * n + 3))
         for i in range(n):
-            whole[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += _element(
-                nodes[i + 1] - nodes[i], bending[i], self.diameter_m
+            stiffness[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += _element(
+                nodes[i + 1] - nodes[i], bending_nm2[i], self.diameter_m
             )
         # Loads at the tip: unit fx, fy and moment, carried to the last node by the rigid electrode.
         loads = np.zeros((3 * n, 3))
         loads[-3:] = [[1, 0, 0], [0, 1, 0], [-lever[1], lever[0], 1]]
-        moved = np.linalg.solve(whole[3:, 3:], loads).reshape(n, 3, 3)
-        turned = np.array([[-lever[1]], [lever[0]]]) * moved[-1, 2]
+        moved = np.linalg.solve(stiffness[3:, 3:], loads).reshape(n, 3, 3)  # x, y, angle of each node by each unit load
+        turned = np.array([[-lever[1]], [lever[0]]]) * moved[-1, 2]  # the tip moves by the turn of the electrode, too
         compliance = np.concatenate([np.zeros((1, 2, 3)), moved[:, :2], (moved[-1, :2] + turned)[None]])
         rest = PolylineShape(np.append(edges, rod.length_m), np.vstack([nodes, nodes[-1] + lever]), True)
         object.__setattr__(self, "_rest", rest)

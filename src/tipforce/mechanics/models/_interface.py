@@ -44,7 +44,7 @@ class RodModel(ABC):
     __slots__ = ()
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Returns the shape under a load on the tip; it is smooth in the load.
+        """Returns the shape under a load on the tip; small changes of the load give small changes of the shape.
 
         Args:
             force_n: (2,) force on the tip, base frame.

@@ -82,7 +82,7 @@ def _turn(numbers: FloatArray, fx: float, fy: float, moment: float, first_share:
             gradient -= target * _C_THETA * (lever * (fy * ca - fx * sa) + moment)
             slope = spring + target * radius * (fx * c + fy * s) + target * _C_THETA**2 * lever * (fx * ca + fy * sa)
             change = -gradient / max(slope, 0.1 * spring)  # a positive slope: the step goes downhill in the energy
-            trial += max(-0.4, min(0.4, change))
+            trial += max(-0.4, min(0.4, change))  # rad: the iteration stays on its branch
             is_last = abs(change) < 1e-9
         if (converged and abs(trial - turn) < 0.7) or step < 1e-3:  # a larger turn, in rad, is a jump
             share, turn = target, trial

@@ -61,10 +61,10 @@ def _cost(
             value += whiten[i, j] * work.residual[j]
         value *= ease
         work.white[i, count] = value
-        size = abs(value)
+        size = abs(value)  # Huber: quadratic up to the limit, then linear
         square_sum += value * value
         loss += 0.5 * value * value if size <= limit else limit * (size - 0.5 * limit)
-    for i in range(count):
+    for i in range(count):  # the prior's part
         row_sum = 0.0
         for j in range(count):
             row_sum += information[i, j] * (q[j] - mean[j])

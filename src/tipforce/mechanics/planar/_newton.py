@@ -158,9 +158,9 @@ def assemble(
         span = rod.h if 0 < i < last else 0.5 * rod.h
         k = (theta[i] - previous) / span
         previous = theta[i]
-        stiffer = 1.0 + rod.soft * k * k
+        stiffer = 1.0 + rod.soft * k * k  # EI grows with the curvature k
         moment = rod.ei[i] * stiffer * (k - rod.k0[i])
-        slope = rod.ei[i] * (stiffer + 2.0 * rod.soft * k * (k - rod.k0[i])) / span
+        slope = rod.ei[i] * (stiffer + 2.0 * rod.soft * k * (k - rod.k0[i])) / span  # of the moment with the angle
         reach = rod.h if i < last else rod.lever
         c, s = reach * cosine[i], reach * sine[i]
         force_x, force_y = load.fx + load.carried[i, 0], load.fy + load.carried[i, 1]
@@ -378,7 +378,7 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
         for i in range(n):
             largest_change = max(largest_change, abs(theta[i] - theta_before[i]))
             mismatch = max(mismatch, abs(theta[i] - theta_before[i] - 0.5 * step * (tangent[i] + tangent_before[i])))
-        if stable and was_stable and outcome.converged and mismatch <= _MAX_MISMATCH_RAD:
+        if stable and was_stable and outcome.converged and mismatch <= _MAX_MISMATCH_RAD:  # the step is accepted
             share, last_step = target, step
             _copy(tangent_before, tangent_last)
             if mismatch < 0.125 * _MAX_MISMATCH_RAD:
@@ -387,7 +387,7 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
             # After the end of a stable part there is no tangent: the branch is followed if the shape does not move.
             followed = followed and outcome.converged and largest_change <= _MAX_MISMATCH_RAD
             share, step, last_step = target, _RESTART_STEP, 0.0
-        else:
+        else:  # the step is tried again, shorter
             _copy(theta_before, theta)
             _copy(tangent_before, tangent)
             stable = True

@@ -88,5 +88,5 @@ def face_depths(radius_m: float, aside_m: FloatArray) -> FloatArray:
     size = abs(radius_m)
     edge = size * math.sin(_MAX_LEAN_RAD)
     aside = np.abs(aside_m)
-    ball = size - np.sqrt(size * size - np.minimum(aside, edge) ** 2)
+    ball = size - np.sqrt(size * size - np.minimum(aside, edge) ** 2)  # beyond the edge the face is a cone
     return math.copysign(1.0, radius_m) * (ball + np.maximum(aside - edge, 0.0) * math.tan(_MAX_LEAN_RAD))

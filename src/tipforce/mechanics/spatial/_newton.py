@@ -50,6 +50,7 @@ def factorise(band: FloatArray, shift: float, skew: FloatArray, tail: FloatArray
                 band[r + i, j - i] -= factor * band[r, j]
         for i in range(1, reach):
             band[r, i] *= inverse
+    # The last block: the signs of its pivots, then its inverse with the unsymmetric part, from the cofactors.
     a, b, c = band[body, 0] + shift, band[body, 1], band[body, 2]
     d, e, f = band[body + 1, 0] + shift, band[body + 1, 1], band[body + 2, 0] + shift
     second = d - b * b / a
@@ -87,7 +88,7 @@ def solve(band: FloatArray, tail: FloatArray, rhs: FloatArray) -> None:
     """
     size = band.shape[0]
     body = size - 3
-    for r in range(body):
+    for r in range(body):  # forward substitution, the last block, backward substitution
         value = rhs[r]
         for i in range(1, min(WIDTH, size - r)):
             rhs[r + i] -= band[r, i] * value
@@ -222,7 +223,7 @@ def turn(q: FloatArray, step: FloatArray, scale: float, out: FloatArray) -> None
     for i in range(q.shape[0]):
         a, b, c = half * step[3 * i], half * step[3 * i + 1], half * step[3 * i + 2]
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
-        nw, nx = w - a * x - b * y - c * z, x + a * w + c * y - b * z
+        nw, nx = w - a * x - b * y - c * z, x + a * w + c * y - b * z  # the product q (1, a, b, c)
         ny, nz = y + b * w + a * z - c * x, z + c * w + b * x - a * y
         size = 1.0 / math.sqrt(nw * nw + nx * nx + ny * ny + nz * nz)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = nw * size, nx * size, ny * size, nz * size
@@ -374,6 +375,7 @@ def _mismatch(old: FloatArray, q: FloatArray, step: float, before: FloatArray, a
         w0, x0, y0, z0 = old[i, 0], old[i, 1], old[i, 2], old[i, 3]
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
         two_signed = 2.0 if w0 * w + x0 * x + y0 * y + z0 * z > 0.0 else -2.0
+        # Twice the vector part of the relative quaternion: the turn in rad, to second order.
         a = two_signed * (w0 * x - x0 * w - y0 * z + z0 * y)
         b = two_signed * (w0 * y - y0 * w - z0 * x + x0 * z)
         c = two_signed * (w0 * z - z0 * w - x0 * y + y0 * x)

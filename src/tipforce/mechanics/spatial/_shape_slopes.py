@@ -54,7 +54,7 @@ def _fill_elastic(parameters: FloatArray, nominal: Elastic, out: Elastic) -> Ela
     longer, stiffer = 1.0 + parameters[_LENGTH], 1.0 + parameters[_STIFFNESS]
     for i in range(count):
         factor = stiffer
-        if 3 * i < count:
+        if 3 * i < count:  # the third next to the clamp
             factor *= 1.0 + parameters[_PROXIMAL]
         out.span[i] = longer * nominal.span[i]
         out.ei[i] = factor * nominal.ei[i]
@@ -174,7 +174,11 @@ def _solve_shapes(
     slopes: FloatArray,
     stable: BoolArray,
 ) -> None:
-    """Solves all shapes and their derivatives; see `SpatialShapes.solve`."""
+    """Solves all shapes and their derivatives; for most arguments and the results see `SpatialShapes.solve`.
+
+    ``nominal``: values of the nominal rod; ``changed``, ``spare``: arrays for the values of other rods; ``touch``: no
+    wall; ``rigid_m``: length of the electrode; ``work``: buffers of Newton's method.
+    """
     load = Load(np.zeros(3), np.zeros(3), np.zeros((nominal.span.size, 3)))
     moved, rest = np.zeros(_COUNT), np.zeros(3 * nominal.span.size)
     turns = np.zeros((_COUNT, 3 * nominal.span.size))

@@ -286,7 +286,7 @@ def _base_moment(q: FloatArray, rod: Elastic) -> tuple[float, float, float]:
 
 @compiled
 def _side_force(rod: Elastic, touch: Touch, tangent: FloatArray) -> float:
-    """Returns the total force in N of the shaft's nodes on the wall, along d; ``tangent`` (k, 3): their elements'."""
+    """Returns the total force in N of the shaft's nodes on the wall along d; ``tangent`` (k, 3): element directions."""
     height, total = touch.radius - touch.place, 0.0
     for i in range(tangent.shape[0] - 1):
         for k in range(3):

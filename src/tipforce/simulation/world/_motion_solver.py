@@ -136,13 +136,8 @@ def _solve_approximately(
             inset = 0.1 * (above - below)
             amplitude = min(max(amplitude, below + inset), above - inset)
         motion = Motion(amplitude, motion_profile.standoff_m(bench_model, amplitude))
-        trajectory, complete = _trial(
-            bench_model,
-            coarse,
-            motion,
-            resolution.trial_every,
-            wanted if amplitude <= low else _MAX_FORCE_RATIO * wanted,
-        )
+        enough_n = wanted if amplitude <= low else _MAX_FORCE_RATIO * wanted
+        trajectory, complete = _trial(bench_model, coarse, motion, resolution.trial_every, enough_n)
         peak = _peak_n(trajectory)
         if complete and abs(peak - wanted) <= resolution.peak_n:
             return rejection_reason(bench_model, trajectory) or motion

@@ -1,4 +1,4 @@
-"""The table under the catheter: its material, its lighting, and the objects on it."""
+"""The table under the catheter, its lighting, and the objects on it. Numbers in the code are usual sizes and levels."""
 
 import math
 from collections.abc import Callable
@@ -306,7 +306,7 @@ def _grid(canvas: SceneCanvas, turn: float) -> tuple[FloatImage, FloatImage]:
 
 
 def _board(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """Returns the texture of a painted board: blotches, grain, a few scratches and specks of dust."""
+    """Returns the texture (h, w) of a painted board in grey levels: blotches, grain, scratches, specks of dust."""
     h, w = canvas.transmittance.shape
     level = multi_scale_noise(rng, (h, w), (5.0, 20.0, 90.0, 350.0), 0.55) * appearance.texture_grey  # blotches
     grain = cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), 1.6)
@@ -325,7 +325,7 @@ def _board(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random
 
 
 def _cloth(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """Returns the texture of woven cloth with soft folds; its threads are not quite straight."""
+    """Returns the texture (h, w) of woven cloth with soft folds in grey levels; its threads are not quite straight."""
     h, w = canvas.transmittance.shape
     x, y = _grid(canvas, rng.uniform(0, math.pi))
     threads_rad_per_m = np.float32(2 * math.pi / rng.uniform(0.7e-3, 1.3e-3))  # rad/m
@@ -341,7 +341,7 @@ def _cloth(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random
 
 
 def _paper(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """Returns the texture of millimetre paper: thin lines every mm, stronger ones every 5 and 10."""
+    """Returns the texture (h, w) of millimetre paper in grey levels: thin lines every mm, stronger every 5 and 10."""
     h, w = canvas.transmittance.shape
     level = multi_scale_noise(rng, (h, w), (4.0, 30.0, 250.0), 0.6) * (0.6 * appearance.texture_grey)
     for axis in _grid(canvas, rng.uniform(-0.08, 0.08)):
@@ -357,7 +357,7 @@ _HOLE_PITCH_M = 25e-3
 
 
 def _breadboard(canvas: SceneCanvas, appearance: BackgroundAppearance, rng: np.random.Generator) -> FloatImage:
-    """Returns the texture of a metal table, finely brushed, with tapped holes every 25 mm."""
+    """Returns the texture (h, w) of a finely brushed metal table in grey levels, with tapped holes every 25 mm."""
     h, w = canvas.transmittance.shape
     brushed = cv2.GaussianBlur(rng.standard_normal((h, w), np.float32), (0, 0), sigmaX=40.0, sigmaY=0.8)
     level = brushed / brushed.std() * (0.6 * appearance.texture_grey)

@@ -1,6 +1,6 @@
 """The settings of a simulated camera session, and the scene that is drawn from them.
 
-A range is (low, high): one uniform draw a session.
+A range is (low, high): one uniform draw a session. Ranges in the code itself are usual values, the same in all presets.
 """
 
 import math

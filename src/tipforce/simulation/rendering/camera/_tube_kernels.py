@@ -48,7 +48,7 @@ def _look_up(table: FloatImage, blur: float, turn: float, column: float, out: Fl
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _blend_row(table: FloatImage, blur: float, turn: float, row: FloatImage) -> None:
-    """Interpolates the whole row (across, 4) of ``table`` at a fractional blur and direction."""
+    """Interpolates ``table`` (blur, direction, across, 4) at fractional ``blur``, ``turn`` into ``row`` (across, 4)."""
     k = min(int(blur), table.shape[0] - 2)
     d = int(turn)
     fb, fd = np.float32(blur - k), np.float32(turn - d)

@@ -86,7 +86,7 @@ def tube_profile(
     """
     reach = math.ceil(half_width_px + 4.0 * blur_px[1]) + 1.0
     across_px = np.linspace(-reach, reach, 2 * int(reach) * STEPS_PER_PX + 1)
-    edges = np.sin(np.linspace(-math.pi / 2, math.pi / 2, _CELLS + 1))
+    edges = np.sin(np.linspace(-math.pi / 2, math.pi / 2, _CELLS + 1))  # of the strips, in half widths
     centres = np.sin(np.linspace(-math.pi / 2, math.pi / 2, 2 * _CELLS + 1)[1::2])
     direction_rad = 2 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     normal = np.empty((_DIRECTIONS, _CELLS, 3))

@@ -1,4 +1,4 @@
-"""Differences between the benches of other people: camera, framing, sheath, catheter, tissue in view."""
+"""Differences between other people's benches: camera, framing, sheath, catheter, tissue. Numbers are usual ranges."""
 
 import math
 from dataclasses import dataclass, replace

@@ -19,9 +19,9 @@ def perturbed(true: CArm, rms_px: float, rng: np.random.Generator, *, reach_m: f
     """
     cube_m = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]) * reach_m
     true_px = true.camera().project(cube_m)
-    primary, secondary, roll = (float(d) for d in rng.normal(size=3) * (0.1, 0.1, 0.05))
-    detector, source = (float(d) for d in rng.normal(size=2) * (2e-3, 1e-3))
-    right, down = (float(d) for d in rng.normal(size=2) * 0.4)
+    primary, secondary, roll = (float(d) for d in rng.normal(size=3) * (0.1, 0.1, 0.05))  # degrees
+    detector, source = (float(d) for d in rng.normal(size=2) * (2e-3, 1e-3))  # m
+    right, down = (float(d) for d in rng.normal(size=2) * 0.4)  # px
 
     def moved(size: float) -> CArm:
         """Returns the C-arm with ``size`` times the drawn errors."""

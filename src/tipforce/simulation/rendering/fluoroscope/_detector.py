@@ -147,11 +147,11 @@ def sample_photons(means: FloatImage, key: Words, alias: Words, gauss: FloatImag
                     # The chance of the upper table that keeps the mean: tables are even in the root of the mean.
                     upper_chance = (table_index * table_index - k * k) / (2 * k + 1)
                     word = words[u]
-                    # A second random number from the same word chooses between the two tables.
+                    # A second random number from the same word, of which 24 bits count, chooses between the two tables.
                     second_word = np.uint32(np.uint32(word ^ (word >> np.uint32(7))) * np.uint32(0x9E3779B1))
                     if np.float32(second_word >> np.uint32(8)) < upper_chance * np.float32(16777216.0):
                         k += 1
-                    column = word & np.uint32(127)
+                    column = word & np.uint32(127)  # the alias method: 7 bits for the column, 25 for the threshold
                     entry = alias[k, column]
                     if (word >> np.uint32(7)) >= (entry >> np.uint32(7)):
                         column = entry & np.uint32(127)
@@ -187,7 +187,7 @@ def display_curve(detector: Detector, mean: float, bits: int) -> Curve:
     """
     top = float((1 << bits) - 1)
     most = math.sqrt(20.0 * mean)
-    signal = np.linspace(0.0, most, _POINTS) ** 2
+    signal = np.linspace(0.0, most, _POINTS) ** 2  # even in the root, as photon noise is
     if detector.curve == "log":
         share = 0.5 + detector.contrast / 255.0 * np.log(np.maximum(signal, 1e-3 * mean) / mean)
     else:

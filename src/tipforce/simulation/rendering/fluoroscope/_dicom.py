@@ -92,7 +92,7 @@ def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.
 
 
 def _add_geometry(data: Any, scene: XrayScene, view: int, width: int) -> None:
-    """Adds the XA positioner module and the detector's pixels."""
+    """Adds the XA positioner module (stated angles in degrees, distances in mm) and the detector's pitch in mm."""
     arm = scene.views[view].stated
     data.PositionerMotion = "STATIC"
     data.PositionerPrimaryAngle = f"{arm.primary_deg:.2f}"
@@ -105,13 +105,13 @@ def _add_geometry(data: Any, scene: XrayScene, view: int, width: int) -> None:
 
 
 def _add_acquisition(data: Any, scene: XrayScene, view: int) -> None:
-    """Adds the X-ray acquisition module: the known values of the beam."""
+    """Adds the X-ray acquisition module: the known values of the beam, times in ms."""
     beam = scene.views[view].beam
     data.KVP = f"{beam.kvp:g}"
     data.RadiationSetting, data.RadiationMode = "SC", "PULSED"
     data.ExposureTime = round(1e3 * beam.pulse_s)
     data.AveragePulseWidth = f"{1e3 * beam.pulse_s:.3f}"
-    data.FocalSpots = [f"{1e3 * 3 * beam.focal_spot_m:.2f}"]
+    data.FocalSpots = [f"{1e3 * 3 * beam.focal_spot_m:.2f}"]  # the nominal size in mm is three standard deviations
     data.CineRate = round(beam.rate_hz)
     data.RecommendedDisplayFrameRate = round(beam.rate_hz)
 

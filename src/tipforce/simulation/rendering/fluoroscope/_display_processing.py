@@ -64,8 +64,9 @@ class Display:
         height, width = opened.shape
         self._finer = width / 512.0
         v, u = np.mgrid[0:height, 0:width]
-        squared = (2.0 * (u + 0.5) / width - 1.0) ** 2 + (2.0 * (v + 0.5) / height - 1.0) ** 2
-        self._shade = (processing.vignetting * 0.5 * (0.4 - squared)).astype(np.float32)
+        square_radius = (2.0 * (u + 0.5) / width - 1.0) ** 2 + (2.0 * (v + 0.5) / height - 1.0) ** 2
+        # Brighter in the middle, darker in the corners.
+        self._shade = (processing.vignetting * 0.5 * (0.4 - square_radius)).astype(np.float32)
         self._lines = _text_lines(arm, beam, seed)
 
     def apply(self, levels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], frame: int) -> Bytes:
@@ -142,7 +143,7 @@ class Display:
 
 
 def _text_lines(arm: CArm, beam: XrayBeam, seed: int) -> list[str]:
-    """Returns the lines that a display may show, in a drawn order."""
+    """Returns the lines of text that a display may show, in random order; {frame} and {time} are filled in later."""
     rng = np.random.default_rng([seed, 21])
     side = "LAO" if arm.primary_deg >= 0 else "RAO"
     tilt = "CRA" if arm.secondary_deg >= 0 else "CAU"

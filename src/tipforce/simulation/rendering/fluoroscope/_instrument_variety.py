@@ -1,4 +1,4 @@
-"""Catheters and instruments of all kinds: electrodes, spacing, opacity, routes."""
+"""Catheters and instruments of all kinds: electrodes, spacing, opacity, routes. Numbers are usual ranges."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Materials of catheters, wires and leads."""
+"""Materials of catheters, wires and leads; layers, lengths and distances are those of usual devices."""
 
 import math
 
@@ -99,15 +99,15 @@ def sheath_tube(construction: CatheterConstruction, length_m: float, px_per_m: f
         The tube; its arc length starts at the mouth.
     """
     radius = construction.radius_m + 0.85e-3
-    inner = (construction.radius_m + 0.2e-3) / radius
+    inner_share = (construction.radius_m + 0.2e-3) / radius
     polymer = loaded_polymer_per_m(0.2)
-    shaft = (1.0 - construction.wall) * construction.radius_m / radius
-    wall = (
+    lumen_share = (1.0 - construction.wall) * construction.radius_m / radius
+    wall = (  # the sheath's polymer and braid, then the catheter's wall and wires inside
         _BLOOD,
-        Layer(inner, 1.0, polymer),
-        Layer(0.5 + 0.5 * inner, 0.55 + 0.45 * inner, 0.5 * PER_M["steel"]),
-        Layer(shaft, construction.radius_m / radius, loaded_polymer_per_m(construction.barium_sulphate)),
-        Layer(0.0, shaft, construction.core * PER_M["copper"]),
+        Layer(inner_share, 1.0, polymer),
+        Layer(0.5 + 0.5 * inner_share, 0.55 + 0.45 * inner_share, 0.5 * PER_M["steel"]),
+        Layer(lumen_share, construction.radius_m / radius, loaded_polymer_per_m(construction.barium_sulphate)),
+        Layer(0.0, lumen_share, construction.core * PER_M["copper"]),
     )
     band = (*wall, _sleeve(0.08e-3, radius))
     sections: Sections = [(0.0, 1.5e-3, 0, 1.0), (1.5e-3, 3.0e-3, 1, 1.0), (3.0e-3, length_m, 0, 1.0)]

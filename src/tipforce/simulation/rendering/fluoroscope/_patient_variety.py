@@ -1,4 +1,4 @@
-"""Layers of a varied patient: bone texture, airways, gas, contrast agent, a pacemaker; they move with the table."""
+"""Layers of a varied patient, of usual sizes: bone texture, airways, gas, contrast, pacemaker; the table moves them."""
 
 import math
 from dataclasses import dataclass

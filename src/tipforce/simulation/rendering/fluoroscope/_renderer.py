@@ -352,8 +352,8 @@ def blur_instants(shapes: FloatArray, px_per_m: float) -> FloatArray:
     Returns:
         (k, n, 3) axis at k instants, see `sample_exposure`.
     """
-    way = float(np.abs(np.diff(shapes, axis=0)).max(axis=(1, 2), initial=0.0).sum()) * px_per_m
-    return sample_exposure(shapes, max(1, min(_MOST_INSTANTS, math.ceil(way / _STEP_PX))))
+    distance_px = float(np.abs(np.diff(shapes, axis=0)).max(axis=(1, 2), initial=0.0).sum()) * px_per_m
+    return sample_exposure(shapes, max(1, min(_MOST_INSTANTS, math.ceil(distance_px / _STEP_PX))))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

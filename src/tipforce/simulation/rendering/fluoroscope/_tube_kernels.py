@@ -442,7 +442,7 @@ def add_side_view(
         px_per_m = focal * 2.0 / (nodes[i, 2] + nodes[j, 2])
         start_m = arc_m
         arc_m += length_m
-        if discs[i] + discs[j] == 2.0:
+        if discs[i] + discs[j] == 2.0:  # all of this segment is drawn as discs
             continue
         radius_px = radius_m * px_per_m
         far = reach_px * radius_px / half_px
@@ -454,7 +454,7 @@ def add_side_view(
         tx, ty, ox, oy = nodes[i, 5] / p, nodes[i, 6] / p, nodes[j, 5] / q, nodes[j, 6] / q
         metres = length_m / chord  # of the tube that a pixel of the image shows
         thicker = metres * px_per_m  # path through the leaning tube over that through a tube across the ray
-        lean = radius_px * math.sqrt(max(1.0 - 1.0 / (thicker * thicker), 0.0))
+        lean = radius_px * math.sqrt(max(1.0 - 1.0 / (thicker * thicker), 0.0))  # of a disc's rim along the axis, px
         before, after = (2.0 if i == 0 else 0.0), (2.0 if j == n - 1 else 0.0)  # the ends' blurred edges
         # Only the materials on this piece are looked up; the smear reaches over its ends.
         margin = (0.6 + lean + 2.0) * metres

@@ -1,4 +1,4 @@
-"""Differences between X-ray laboratories: collimator, display, table, patient, instruments; ranges and one draw."""
+"""Differences between X-ray laboratories: collimator, display, table, patient, devices. Numbers are usual ranges."""
 
 import math
 from dataclasses import dataclass
