@@ -43,6 +43,7 @@ class CameraModel:
     row: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Checks the values, makes the arrays read-only, and collects them in ``row``."""
         object.__setattr__(self, "focal_px", frozen("focal_px", self.focal_px, (2,)))
         object.__setattr__(self, "centre_px", frozen("centre_px", self.centre_px, (2,)))
         object.__setattr__(self, "distortion", frozen("distortion", self.distortion, (5,)))
@@ -102,11 +103,12 @@ class CameraModel:
         array([-800.,  810.])
         """
         matrix = frozen("projection", projection, (3, 4))
-        scale = float(np.linalg.norm(matrix[2, :3]))
+        third_row_size = float(np.linalg.norm(matrix[2, :3]))
         largest = float(np.linalg.norm(matrix[:2, :3], axis=1).max())
-        if not (np.isfinite(matrix).all() and scale * 1e6 > largest and matrix[2, 3] != 0):
+        if not (np.isfinite(matrix).all() and third_row_size * 1e6 > largest and matrix[2, 3] != 0):
             raise ValueError("projection: expected a perspective projection, got one without a finite distance")
-        matrix = matrix / (math.copysign(scale, float(matrix[2, 3])))
+        # A projection matrix has any scale and sign: K[2, 2] = 1, and the world's origin is ahead of the camera.
+        matrix = matrix / (math.copysign(third_row_size, float(matrix[2, 3])))
         ahead, centre = matrix[2, :3], matrix[:2, :3] @ matrix[2, :3]
         across, down = matrix[:2, :3] - np.outer(centre, ahead)
         focal = np.array([float(np.linalg.norm(across)), float(np.linalg.norm(down))])
@@ -185,12 +187,12 @@ class CameraModel:
             (n, 3) world points; NaN where a ray does not meet the plane ahead of the camera.
         """
         rays, origin = self.rays(pixels), self.position_m
-        across = frozen("normal", normal, (3,))
-        slope = rays @ across
-        level = float((frozen("point_m", point_m, (3,)) - origin) @ across)
-        reach = np.divide(level, slope, out=np.full(len(rays), np.nan), where=slope != 0)
-        reach[~(reach > 0)] = np.nan
-        return origin + reach[:, None] * rays
+        plane_normal = frozen("normal", normal, (3,))
+        along_normal = rays @ plane_normal
+        distance = float((frozen("point_m", point_m, (3,)) - origin) @ plane_normal)
+        ray_length = np.divide(distance, along_normal, out=np.full(len(rays), np.nan), where=along_normal != 0)
+        ray_length[~(ray_length > 0)] = np.nan
+        return origin + ray_length[:, None] * rays
 
     def _normalised(self, pixels: ArrayLike) -> FloatArray:
         """Returns (n, 2) x / z and y / z of the rays of (n, 2) observed pixels, in the camera's frame."""
@@ -201,6 +203,7 @@ class CameraModel:
 
 
 def _rows(name: str, values: ArrayLike, width: int) -> FloatArray:
+    """Returns ``values`` as a contiguous (n, width) array of float64; another shape raises ValueError."""
     rows = np.ascontiguousarray(values, np.float64)
     if rows.ndim != 2 or rows.shape[1] != width:
         raise ValueError(f"{name}: expected shape (n, {width}), got {rows.shape}")

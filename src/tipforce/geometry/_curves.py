@@ -67,6 +67,7 @@ def fit_polynomial(x: FloatArray, y: FloatArray, degree: int, constant: bool = T
             along += residual[i] * current[i]
         if norm < 1e-18 * n:
             raise ValueError("too few different x for a polynomial of this degree")
+        # Forsythe's recurrence: p_next = (t - a) p - b p_previous is orthogonal to all earlier polynomials.
         share, a = along / norm, weighted / norm
         b = norm / norm_previous if norm_previous > 0.0 else 0.0
         norm_previous = norm
@@ -202,8 +203,8 @@ def curve_from_angle(coefficients: FloatArray, length: float, points: int = 64) 
     """
     nodes, weights = legendre.leggauss(4)
     edges = np.linspace(-1.0, 1.0, points)
-    half = 1.0 / (points - 1)
-    at = edges[:-1, None] + half * (1.0 + nodes)
-    angle = legendre.legval(at, coefficients)
-    steps = np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1) * (0.5 * half * length)
+    half_step = 1.0 / (points - 1)
+    arc = edges[:-1, None] + half_step * (1.0 + nodes)
+    angle = legendre.legval(arc, coefficients)
+    steps = np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1) * (0.5 * half_step * length)
     return np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])

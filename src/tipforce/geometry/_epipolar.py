@@ -32,17 +32,17 @@ def epipolar_angles(cameras: Sequence[CameraModel], pixels: ArrayLike) -> FloatA
     True
     """
     first, second = cameras
-    along = second.position_m - first.position_m
-    ahead = first.camera_from_world.rotation[2] + second.camera_from_world.rotation[2]
-    length = float(np.linalg.norm(along))
+    baseline = second.position_m - first.position_m
+    forward = first.camera_from_world.rotation[2] + second.camera_from_world.rotation[2]
+    length = float(np.linalg.norm(baseline))
     if not length > 0:
         raise ValueError("epipolar_angles: the two cameras are at the same position")
-    along = along / length
-    ahead = ahead - along * (along @ ahead)
-    if not np.linalg.norm(ahead) > 1e-6:
+    baseline = baseline / length
+    forward = forward - baseline * (baseline @ forward)
+    if not np.linalg.norm(forward) > 1e-6:
         raise ValueError("epipolar_angles: the two cameras look along the line between them")
-    ahead = ahead / np.linalg.norm(ahead)
-    aside = np.cross(along, ahead)
+    forward = forward / np.linalg.norm(forward)
+    across = np.cross(baseline, forward)
     points = np.asarray(pixels, np.float64)
     rays = np.stack([camera.rays(points[:, view]) for view, camera in enumerate(cameras)], axis=1)
-    return np.arctan2(rays @ aside, rays @ ahead)
+    return np.arctan2(rays @ across, rays @ forward)

@@ -18,7 +18,10 @@ MIN_DETERMINANT_RATIO = 1e-12
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lens(camera: FloatArray, x: float, y: float) -> tuple[float, float, float, float, float, bool]:
-    """Returns distorted x, y (Brown-Conrady), dx/dx, dx/dy = dy/dx, dy/dy, and whether the lens is one to one there."""
+    """Distorts a ray's normalised ``x``, ``y`` (Brown-Conrady).
+
+    Returns distorted x and y, their derivatives (x by x, x by y = y by x, y by y), and whether the lens is one to one.
+    """
     k1, k2, p1, p2, k3 = camera[4], camera[5], camera[6], camera[7], camera[8]
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -33,13 +36,16 @@ def _lens(camera: FloatArray, x: float, y: float) -> tuple[float, float, float, 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _project_one(camera: FloatArray, px: float, py: float, pz: float, slopes: FloatArray) -> tuple[float, float]:
-    """Projects a world point to u, v; ``slopes`` (2, 3) receives the derivatives. NaN where it is not visible."""
+    """Projects the world point (px, py, pz) in m to u, v in px; NaN where the camera does not show it.
+
+    ``camera``: (21,) see the module; ``slopes`` (2, 3) receives the derivatives of u and v by the point.
+    """
     x = camera[9] * px + camera[10] * py + camera[11] * pz + camera[18]
     y = camera[12] * px + camera[13] * py + camera[14] * pz + camera[19]
     z = camera[15] * px + camera[16] * py + camera[17] * pz + camera[20]
     x, y = x / z, y / z
-    xd, yd, dxx, dxy, dyy, fine = _lens(camera, x, y)
-    if not (z > 0.0 and fine):
+    xd, yd, dxx, dxy, dyy, one_to_one = _lens(camera, x, y)
+    if not (z > 0.0 and one_to_one):
         slopes[:] = math.nan
         return math.nan, math.nan
     for j in range(3):
@@ -55,24 +61,25 @@ def _straighten_one(camera: FloatArray, u: float, v: float) -> tuple[float, floa
     """Returns normalised x, y of the ray of an observed pixel, by Newton's method; NaN if there is no such ray."""
     xd, yd = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
     x, y = xd, yd
-    at_x, at_y, dxx, dxy, dyy, fine = _lens(camera, x, y)
-    while not fine and x * x + y * y > 1e-12:  # start where the lens is one to one
+    at_x, at_y, dxx, dxy, dyy, one_to_one = _lens(camera, x, y)
+    while not one_to_one and x * x + y * y > 1e-12:  # start where the lens is one to one
         x, y = 0.7 * x, 0.7 * y
-        at_x, at_y, dxx, dxy, dyy, fine = _lens(camera, x, y)
+        at_x, at_y, dxx, dxy, dyy, one_to_one = _lens(camera, x, y)
     for _ in range(_MAX_ITERATIONS):
-        ex, ey = xd - at_x, yd - at_y
+        error_x, error_y = xd - at_x, yd - at_y
         determinant = dxx * dyy - dxy * dxy
-        sx, sy = (dyy * ex - dxy * ey) / determinant, (dxx * ey - dxy * ex) / determinant
-        if abs(sx) + abs(sy) < 1e-13 * (1.0 + abs(x) + abs(y)):
-            return x + sx, y + sy
+        step_x, step_y = (dyy * error_x - dxy * error_y) / determinant, (dxx * error_y - dxy * error_x) / determinant
+        if abs(step_x) + abs(step_y) < 1e-13 * (1.0 + abs(x) + abs(y)):
+            return x + step_x, y + step_y
         share, nearer = 1.0, False
-        while share > 1e-6 and not nearer:  # each step stays there and comes nearer to the pixel
-            at_x, at_y, dxx, dxy, dyy, fine = _lens(camera, x + share * sx, y + share * sy)
-            nearer = fine and (xd - at_x) ** 2 + (yd - at_y) ** 2 < ex * ex + ey * ey
+        # A step is halved until the lens is one to one there and the ray comes nearer to the pixel.
+        while share > 1e-6 and not nearer:
+            at_x, at_y, dxx, dxy, dyy, one_to_one = _lens(camera, x + share * step_x, y + share * step_y)
+            nearer = one_to_one and (xd - at_x) ** 2 + (yd - at_y) ** 2 < error_x * error_x + error_y * error_y
             share *= 0.5
         if not nearer:
             break
-        x, y = x + 2.0 * share * sx, y + 2.0 * share * sy
+        x, y = x + 2.0 * share * step_x, y + 2.0 * share * step_y  # the loop has halved the share once too often
     return math.nan, math.nan
 
 
@@ -116,7 +123,7 @@ def _add_row(normal: FloatArray, right: FloatArray, row: FloatArray, value: floa
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _invert(a: FloatArray, inverse: FloatArray) -> bool:
-    """Inverts a symmetric (3, 3) matrix; returns False if it is nearly singular."""
+    """Inverts a symmetric (3, 3) matrix ``a`` by its cofactors; returns False if it is nearly singular."""
     for j in range(3):
         p, q = (j + 1) % 3, (j + 2) % 3
         for k in range(3):
@@ -131,7 +138,11 @@ def _invert(a: FloatArray, inverse: FloatArray) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _linear(cameras: FloatArray, pixels: FloatArray, work: FloatArray, point: FloatArray) -> bool:
-    """Finds the point with the least algebraic distance to the rays of ``pixels`` (views, 2); False: under two rays."""
+    """Writes ``point`` (3,), the linear estimate from the rays of ``pixels`` (views, 2).
+
+    Each ray gives two linear equations, such as (row_x - x row_z) . point = x t_z - t_x. ``work`` (9, 3): buffer.
+    Returns False if fewer than two views have a ray, or the rays are nearly parallel.
+    """
     normal, inverse, right, row = work[0:3], work[3:6], work[6], work[7]
     normal[:] = 0.0
     right[:] = 0.0
@@ -163,7 +174,11 @@ def _refine(
     point: FloatArray,
     residual: FloatArray,
 ) -> bool:
-    """Gauss-Newton in the images; leaves the covariance in work[3:6] and observed - projected in ``residual``."""
+    """Moves ``point`` (3,) to the least squared distance in the images, by Gauss-Newton steps.
+
+    ``pixels`` (views, 2) have the standard deviations ``sigma`` (views,). The covariance is left in ``work[3:6]``, and
+    observed - projected pixels in ``residual`` (views, 2). Returns whether it converged.
+    """
     normal, inverse, right, slopes = work[0:3], work[3:6], work[6], work[7:9]
     for _ in range(_MAX_ITERATIONS):
         normal[:] = 0.0

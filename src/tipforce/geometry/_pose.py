@@ -31,10 +31,11 @@ class Pose:
     translation_m: FloatArray
 
     def __post_init__(self) -> None:
+        """Checks that the rotation is one; the arrays become read-only."""
         object.__setattr__(self, "rotation", frozen("rotation", self.rotation, (3, 3)))
         object.__setattr__(self, "translation_m", frozen("translation_m", self.translation_m, (3,)))
-        off = float(np.abs(self.rotation @ self.rotation.T - np.eye(3)).max())
-        if not (off < 1e-6 and np.linalg.det(self.rotation) > 0):
+        deviation = float(np.abs(self.rotation @ self.rotation.T - np.eye(3)).max())
+        if not (deviation < 1e-6 and np.linalg.det(self.rotation) > 0):
             raise ValueError(f"rotation: expected orthonormal columns and determinant 1, got {self.rotation.tolist()}")
         if not np.isfinite(self.translation_m).all():
             raise ValueError(f"translation_m: expected finite numbers, got {self.translation_m.tolist()}")
@@ -77,7 +78,7 @@ class Pose:
         trace = float(np.trace(r))
         squares = np.array([trace, r[0, 0], r[1, 1], r[2, 2]])
         largest = int(np.argmax(squares))
-        outer = np.empty((4, 4))  # 4 q q', q = (w, x, y, z)
+        outer = np.empty((4, 4))  # 4 q q', q = (w, x, y, z): any of its rows has the direction of q
         outer[0, 0] = 1 + trace
         outer[0, 1:] = outer[1:, 0] = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
         outer[1:, 1:] = r + r.T + (1 - trace) * np.eye(3)
@@ -85,8 +86,8 @@ class Pose:
         if quaternion[0] < 0:
             quaternion = -quaternion
         sine = float(np.linalg.norm(quaternion[1:]))
-        half = math.atan2(sine, quaternion[0])
-        return quaternion[1:] * (2 * half / sine if sine > 0 else 2.0)
+        half_rad = math.atan2(sine, quaternion[0])
+        return quaternion[1:] * (2 * half_rad / sine if sine > 0 else 2.0)
 
     def apply(self, points_m: ArrayLike) -> FloatArray:
         """Returns (..., 3) points after the motion."""
@@ -106,6 +107,7 @@ class Pose:
 
 
 def _rodrigues(vector: FloatArray) -> FloatArray:
+    """Returns the rotation matrix (3, 3) about ``vector`` (3,) by its length in rad."""
     x, y, z = vector
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     angle = math.sqrt(x * x + y * y + z * z)

@@ -130,8 +130,9 @@ class CramerRaoBound:
         rows, arc, stable = centreline_jacobian(inputs)
         jacobian = np.stack([rows[parameter.name] for parameter in parameters], axis=2)
         jacobian[~stable] = 0.0
-        knob = inputs.knob_deg
-        travelled = np.maximum.accumulate(knob) - np.minimum.accumulate(knob)
+        # The knob has crossed its backlash when the range of its angles until now exceeds the backlash.
+        knob_deg = inputs.knob_deg
+        travelled_deg = np.maximum.accumulate(knob_deg) - np.minimum.accumulate(knob_deg)
         return cls(
             session=inputs.session,
             stamp_ns=inputs.stamp_ns,
@@ -139,7 +140,7 @@ class CramerRaoBound:
             touching=inputs.touching,
             stable=stable,
             contact_angle_deg=inputs.contact_angle_deg,
-            play_open=travelled < settings.world.actuation.play_deg,
+            play_open=travelled_deg < settings.world.actuation.play_deg,
             tare_s=settings.world.tare_s,
             parameters=parameters,
             jacobian=jacobian,
@@ -163,10 +164,10 @@ class CramerRaoBound:
         wall = self.wall
         if not (wall.hertz_depth_m is wall.exponential_depth_m is wall.face_radius_m is None):
             raise ValueError("the bound with the indentation is for a flat face of linear tissue")
-        slope = -wall.normal / wall.stiffness_n_per_m
-        depth = self.force_n @ slope
+        slope_m_per_n = -wall.normal / wall.stiffness_n_per_m  # by the tissue's force on the tip
+        depth_m = self.force_n @ slope_m_per_n
         rows = np.zeros((len(self.force_n), len(self.parameters) + 2))
-        rows[:, :3], rows[:, -2], rows[:, -1] = slope, -depth, 1.0
+        rows[:, :3], rows[:, -2], rows[:, -1] = slope_m_per_n, -depth_m, 1.0
         rows[~(self.touching & self.stable)] = 0.0
         return replace(
             self,
@@ -211,28 +212,29 @@ class CramerRaoBound:
         """
         free, lasting = self._free(known)
         jacobian = self.jacobian[:, :, free].copy()
-        chosen = [self.parameters[k] for k in free]
+        free_parameters = [self.parameters[k] for k in free]
         time_s = (self.stamp_ns - self.stamp_ns[0]) * 1e-9
-        still = self.stamp_ns * 1e-9 < self.tare_s
-        nothing = {"all": ~self.touching, "tare": still & ~self.touching, "none": np.zeros_like(still)}[free_known]
-        for k, parameter in enumerate(chosen):
+        in_tare = self.stamp_ns * 1e-9 < self.tare_s
+        no_contact = ~self.touching
+        no_contact = {"all": no_contact, "tare": in_tare & no_contact, "none": np.zeros_like(in_tare)}[free_known]
+        for k, parameter in enumerate(free_parameters):
             if parameter.memory_s == 0:  # the force's components
-                jacobian[nothing, :, k] = 0.0
+                jacobian[no_contact, :, k] = 0.0
             if parameter.name == _PLAY:
                 jacobian[~self.play_open, :, k] = 0.0
         fresh = self.noise.fresh.covariance_m2(self.arc_m)
-        prior, memory = self._prior(free, force_n2), [parameter.memory_s for parameter in chosen]
+        prior, memory = self._prior(free, force_n2), [parameter.memory_s for parameter in free_parameters]
         if lasting:
             # A constant error of a session is treated as parameters: one for each row.
             rows = self.noise.lasting.covariance_m2(self.arc_m)
             prior, memory = np.asarray(block_diag(prior, rows), np.float64), memory + [np.inf] * len(rows)
-            shown = np.broadcast_to(np.eye(len(rows)) * self.stable[:, None, None], (len(jacobian), *rows.shape))
-            jacobian = np.concatenate([jacobian, shown], axis=2)
-        wanted = sum(k < 3 for k in free)
+            errors = np.eye(len(rows)) * self.stable[:, None, None]
+            jacobian = np.concatenate([jacobian, errors], axis=2)
+        force_count = sum(k < 3 for k in free)
         white = self._with_indentation_row(_whitened(jacobian, fresh), free)
-        found = posterior_covariance_along(white, prior, wanted, time_s, np.array(memory))
-        found[nothing] = 0.0
-        return self._bound(found)
+        covariance_n2 = posterior_covariance_along(white, prior, force_count, time_s, np.array(memory))
+        covariance_n2[no_contact] = 0.0
+        return self._bound(covariance_n2)
 
     def _with_indentation_row(self, white: FloatArray, free: list[int]) -> FloatArray:
         """Adds a row for the indentation, if it is read, to ``white`` (m, rows, columns); first columns: ``free``."""
@@ -243,14 +245,13 @@ class CramerRaoBound:
         return np.concatenate([white, row], axis=1)
 
     def _free(self, known: Iterable[str]) -> tuple[list[int], bool]:
-        """Returns the indices of the unknown parameters, and whether the session's constant noise is unknown."""
+        """Returns the indices of the parameters whose group is not ``known``; whether the constant noise is free."""
         groups, known = {parameter.group for parameter in self.parameters} | {SESSION_NOISE}, set(known)
         if known - groups or "force" in known:
             allowed = ", ".join(sorted(groups - {"force"}))
             raise ValueError(f"known: expected some of {allowed}, got {', '.join(sorted(known))}")
-        return [
-            k for k, parameter in enumerate(self.parameters) if parameter.group not in known
-        ], SESSION_NOISE not in known
+        free = [k for k, parameter in enumerate(self.parameters) if parameter.group not in known]
+        return free, SESSION_NOISE not in known
 
     def _prior(self, free: list[int], force_n2: FloatArray | None) -> FloatArray:
         """Returns the prior covariance of the parameters at ``free``."""
@@ -268,6 +269,7 @@ class CramerRaoBound:
 
 
 def _whitened(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Returns ``jacobian`` (m, rows, columns) with rows of independent errors of standard deviation 1."""
     root = np.linalg.cholesky(covariance)
     m, rows, columns = jacobian.shape
     flat = np.moveaxis(jacobian, 1, 0).reshape(rows, -1)

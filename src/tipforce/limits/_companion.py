@@ -66,14 +66,15 @@ def read_companion_bounds(
     work, todo = partial(_read_bound, sessions=frozenset(sessions)), list(paths)
     worker_count = min(len(todo) // SESSIONS_PER_PROCESS, workers or cores())
 
-    def collected(found: Iterable[CompanionBound | None]) -> list[CompanionBound]:
-        kept: list[CompanionBound] = []
-        for done, one in enumerate(found):
-            if one is not None:
-                kept.append(one)
+    def collected(results: Iterable[CompanionBound | None]) -> list[CompanionBound]:
+        """Reports the progress, and leaves out the sessions that are not requested."""
+        requested: list[CompanionBound] = []
+        for done, bound in enumerate(results):
+            if bound is not None:
+                requested.append(bound)
             if progress is not None:
                 progress("smallest possible errors", (done + 1) / len(todo))
-        return kept
+        return requested
 
     if worker_count <= 1:
         return collected(map(work, todo))
@@ -82,7 +83,7 @@ def read_companion_bounds(
 
 
 def _read_bound(path: Path, sessions: Collection[str]) -> CompanionBound | None:
-    """Returns the bounds of one session; None if it is not requested."""
+    """Returns the four bounds of the session of a companion file; None if its name is not in ``sessions``."""
     truth = read_truth(path)
     if truth.session not in sessions:
         return None
@@ -91,23 +92,23 @@ def _read_bound(path: Path, sessions: Collection[str]) -> CompanionBound | None:
         bound = CramerRaoBound.of(truth)
     except ValueError as error:
         return CompanionBound(truth.session, preset, truth.stamp_ns, {}, np.zeros(0), rejection_reason=str(error))
-    learnt = CONTACT_FORCE_PRIORS_N2[preset]
+    force_prior = CONTACT_FORCE_PRIORS_N2[preset]
     with threadpool_limits(1):  # matrices this small take ten times as long on two threads
-        found = {
-            "one_frame": bound.single_frame((), learnt),
-            "all_frames": bound.sequential((), learnt),
+        bounds = {
+            "one_frame": bound.single_frame((), force_prior),
+            "all_frames": bound.sequential((), force_prior),
             "one_frame_broad": bound.single_frame(),
             "all_frames_broad": bound.sequential(),
         }
-    std = {kind: force.fx_fy_magnitude_n for kind, force in found.items()}
-    return CompanionBound(truth.session, preset, truth.stamp_ns, std, bound.contact_angle_deg, bound.parameters)
+    std_n = {kind: force.fx_fy_magnitude_n for kind, force in bounds.items()}
+    return CompanionBound(truth.session, preset, truth.stamp_ns, std_n, bound.contact_angle_deg, bound.parameters)
 
 
 def describe_nuisances(bounds: Sequence[CompanionBound]) -> list[str]:
     """Returns one sentence for each preset: its unknown parameters and their priors."""
     sentences: list[str] = []
-    for preset in dict.fromkeys(each.preset for each in bounds if not each.rejection_reason):
-        sets = [each.parameters for each in bounds if each.preset == preset and not each.rejection_reason]
+    for preset in dict.fromkeys(bound.preset for bound in bounds if not bound.rejection_reason):
+        sets = [bound.parameters for bound in bounds if bound.preset == preset and not bound.rejection_reason]
         described = [_describe(same) for same in zip(*sets, strict=True) if same[0].group != "force"]
         spread = ", ".join(f"{1e3 * math.sqrt(value):.2g}" for value in np.diag(CONTACT_FORCE_PRIORS_N2[preset]))
         sentences.append(

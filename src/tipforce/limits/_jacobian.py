@@ -93,19 +93,19 @@ def bound_inputs(source: Truth | SimulatedBench) -> BoundInputs:
         )
     if not isinstance(source.settings, SimulationSettings) or not isinstance(source.imaging, CameraImaging):
         raise ValueError(f"the bound is for images of one camera; {source.settings.preset} has X-ray images")
-    times, trajectory, when = source.frame_s, source.session.trajectory, source.interpolator
+    times, trajectory, interpolator = source.frame_s, source.session.trajectory, source.interpolator
     return BoundInputs(
         session=source.name,
         settings=source.settings,
         bench_model=source.session.bench_model,
         lens=source.imaging.scene.lens,
         stamp_ns=source.stamp_ns,
-        force_n=when.at(trajectory.contact.force_n, times),
-        touch_m=when.at(trajectory.contact.touch_m, times),
-        touching=trajectory.contact.touching[when.nearest(times)],
-        lines_m=when.lines_m(times),
-        curvature_per_m=when.at(trajectory.curvature_per_m, times),
-        knob_deg=when.at(trajectory.knob_deg, times),
+        force_n=interpolator.at(trajectory.contact.force_n, times),
+        touch_m=interpolator.at(trajectory.contact.touch_m, times),
+        touching=trajectory.contact.touching[interpolator.nearest(times)],
+        lines_m=interpolator.lines_m(times),
+        curvature_per_m=interpolator.at(trajectory.curvature_per_m, times),
+        knob_deg=interpolator.at(trajectory.knob_deg, times),
     )
 
 
@@ -150,17 +150,10 @@ def perturb_lens(lens: Lens, name: str, step: float) -> Lens:
 
 
 _CAMERA_STEPS = {
-    "base, right": 1e-6,
-    "base, down": 1e-6,
-    "base, turn": 1e-5,
-    "camera, yaw": 1e-5,
-    "camera, pitch": 1e-5,
-    "camera, distance": 1e-5,
-    "lens, k1": 1e-4,
-    "lens, p1": 1e-5,
-    "lens, p2": 1e-5,
-    "scale": 1e-5,
-}
+    "base, right": 1e-6, "base, down": 1e-6, "base, turn": 1e-5, "camera, yaw": 1e-5, "camera, pitch": 1e-5,
+    "camera, distance": 1e-5, "lens, k1": 1e-4, "lens, p1": 1e-5, "lens, p2": 1e-5, "scale": 1e-5,
+}  # fmt: skip
+"""Steps of the central differences, in the units of the parameters; see `unknown_parameters`."""
 
 
 def centreline_jacobian(inputs: BoundInputs) -> tuple[dict[str, FloatArray], FloatArray, BoolArray]:
@@ -178,29 +171,29 @@ def centreline_jacobian(inputs: BoundInputs) -> tuple[dict[str, FloatArray], Flo
     settings, bench_model, lens = inputs.settings, inputs.bench_model, inputs.lens
     width, height = settings.width, settings.height
     camera, shaft = lens.camera(width, height), settings.world.shaft
-    scale = lens.scale_m_per_px * 640.0 / width
-    begin = _first_visible_m(inputs)
+    scale = lens.scale_m_per_px * 640.0 / width  # m/px; the lens states it for 640 columns
+    first_m = _first_visible_m(inputs)
     joints = np.linspace(0.0, 1.0, bench_model.rod.segments + 1)
     curvature = inputs.curvature_per_m
-    nothing = np.zeros_like(curvature)
-    found = contact_derivatives(
+    zero = np.zeros_like(curvature)
+    derivatives = contact_derivatives(
         bench_model.rod,
         inputs.lines_m,
         inputs.force_n,
         inputs.touch_m,
-        np.linspace(begin, bench_model.rod.length_m, POINTS),
+        np.linspace(first_m, bench_model.rod.length_m, POINTS),
         tip_radius_m=bench_model.radius_m,
-        precurvature_change_per_m=np.stack([nothing, nothing, curvature], axis=1),
+        precurvature_change_per_m=np.stack([zero, zero, curvature], axis=1),
         stiffness_patterns=np.stack([np.ones(joints.size), (joints < 1 / 3).astype(np.float64)]),
         time_s=inputs.time_s,
         creep=shaft.creep_share,
         creep_time_s=shaft.creep_s,
     )
-    m = len(curvature)
+    frames = len(curvature)
     # An advance of the clamp moves the whole rod.
-    positions = (found.centreline_m + inputs.lines_m[:, :1]).reshape(-1, 3)
+    positions = (derivatives.centreline_m + inputs.lines_m[:, :1]).reshape(-1, 3)
     pixels, slopes = camera.project_with_slopes(positions)
-    pixels, slopes = pixels.reshape(m, POINTS, 2), slopes.reshape(m, POINTS, 2, 3)
+    pixels, slopes = pixels.reshape(frames, POINTS, 2), slopes.reshape(frames, POINTS, 2, 3)
     tangent = CubicSpline(np.arange(POINTS), pixels, axis=1)(np.arange(POINTS), 1)
     tangent /= np.linalg.norm(tangent, axis=2, keepdims=True)
     left = np.stack([tangent[..., 1], -tangent[..., 0]], axis=2)  # v points down
@@ -211,41 +204,42 @@ def centreline_jacobian(inputs: BoundInputs) -> tuple[dict[str, FloatArray], Flo
         return scale * np.column_stack([across, np.sum(tangent[:, -1] * moves[:, -1], axis=1)])
 
     def of_rod(column: FloatArray) -> FloatArray:
+        """Converts displacements (m, POINTS, 3) of the rod in m per unit to a row, through the camera."""
         return row((slopes @ column[..., None])[..., 0])
 
-    knob = of_rod(found["precurvature"][..., 1])
+    per_curvature = of_rod(derivatives["precurvature"][..., 1])
     gain = settings.world.actuation.gain_per_m_deg * bench_model.parameters.knob_factor
-    size = np.linalg.norm(inputs.force_n, axis=1)
+    force_size = np.linalg.norm(inputs.force_n, axis=1)
     rows = {
-        "force along the base tangent": of_rod(found["force"][..., 0]),
-        "force across it in the image": of_rod(found["force"][..., 1]),
-        "force in depth": of_rod(found["force"][..., 2]),
-        "place of the touch on the dome": size[:, None] * of_rod(found["moment"][..., 2]),
-        "stiffness EI": of_rod(found["stiffness"][..., 0]),
-        "proximal stiffening": of_rod(found["stiffness"][..., 1]),
-        "creep, relative": of_rod(found["creep"][..., 0]),
-        "free length": of_rod(found["length"][..., 0]),
-        "knob factor": curvature[:, None] * knob,
-        "knob drift": curvature[:, None] * knob,
-        "place in the backlash": gain * knob,
-        "bend out of the plane": of_rod(found["precurvature"][..., 0]),
+        "force along the base tangent": of_rod(derivatives["force"][..., 0]),
+        "force across it in the image": of_rod(derivatives["force"][..., 1]),
+        "force in depth": of_rod(derivatives["force"][..., 2]),
+        "place of the touch on the dome": force_size[:, None] * of_rod(derivatives["moment"][..., 2]),
+        "stiffness EI": of_rod(derivatives["stiffness"][..., 0]),
+        "proximal stiffening": of_rod(derivatives["stiffness"][..., 1]),
+        "creep, relative": of_rod(derivatives["creep"][..., 0]),
+        "free length": of_rod(derivatives["length"][..., 0]),
+        "knob factor": curvature[:, None] * per_curvature,
+        "knob drift": curvature[:, None] * per_curvature,
+        "place in the backlash": gain * per_curvature,
+        "bend out of the plane": of_rod(derivatives["precurvature"][..., 0]),
     }
-    for name, step in _CAMERA_STEPS.items():
+    for name, step in _CAMERA_STEPS.items():  # central differences
         more, less = (
             perturb_lens(lens, name, signed).camera(width, height).project(positions) for signed in (step, -step)
         )
-        rows[name] = row(((more - less) / (2 * step)).reshape(m, POINTS, 2))
+        rows[name] = row(((more - less) / (2 * step)).reshape(frames, POINTS, 2))
     arc = scale * arc_length(pixels[0])
-    return rows, arc, found.stable
+    return rows, arc, derivatives.stable
 
 
 def _first_visible_m(inputs: BoundInputs) -> float:
-    """Returns the arc length at which the shaft enters the image; the base is outside of it."""
+    """Returns the arc length in m at which the shaft enters the image in the first frame; the base is outside."""
     line, settings = inputs.lines_m[0], inputs.settings
     pixels = inputs.lens.camera(settings.width, settings.height).project(line)
-    far = np.array([settings.width - 1, settings.height - 1])
-    inward = np.minimum(pixels, far - pixels).min(axis=1)  # distance inside the image
-    first = int(np.argmax(inward >= 0))
-    if first:
-        first -= inward[first] / (inward[first] - inward[first - 1])
+    last_px = np.array([settings.width - 1, settings.height - 1])
+    inside_px = np.minimum(pixels, last_px - pixels).min(axis=1)  # distance inside the image
+    first = int(np.argmax(inside_px >= 0))
+    if first:  # between two points: where the distance to the border is 0
+        first -= inside_px[first] / (inside_px[first] - inside_px[first - 1])
     return float(first) * inputs.bench_model.rod.length_m / (len(line) - 1)

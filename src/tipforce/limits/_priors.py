@@ -40,7 +40,7 @@ class Parameter:
 
 
 def _std(bounds: tuple[float, float]) -> float:
-    """Returns the standard deviation of a uniform distribution."""
+    """Returns the standard deviation of a uniform distribution from ``bounds[0]`` to ``bounds[1]``."""
     return (bounds[1] - bounds[0]) / math.sqrt(12)
 
 
@@ -48,9 +48,8 @@ def unknown_parameters(settings: SimulationSettings, parameters: SessionParamete
     """Returns the unknown parameters of a session, the three components of the force first.
 
     Parameters that are the same in every session are assumed to be known, because an estimator can learn them from
-    other
-    sessions: the law of stiffening with curvature, GJ / EI, the electrode's length, the diameter, the width of the
-    backlash and the camera's inset.
+    other sessions: the law of stiffening with curvature, GJ / EI, the electrode's length, the diameter, the width of
+    the backlash and the camera's inset.
 
     Args:
         settings: settings of the simulation.
@@ -58,124 +57,59 @@ def unknown_parameters(settings: SimulationSettings, parameters: SessionParamete
     """
     world, scene = settings.world, settings.scene
     shaft, actuation, wall, device = world.shaft, world.actuation, world.wall, parameters.device
-    within = 2 * shaft.known_to / math.sqrt(12)
+    measured_std = 2 * shaft.known_to / math.sqrt(12)  # relative, of values that are measured, not nominal
     stiffness = shaft.nominal_stiffness_nm2
-    firm = within if stiffness is None else _std(shaft.stiffness_nm2) / stiffness
-    long = within * device.nominal_flexible_length_m
+    stiffness_std = measured_std if stiffness is None else _std(shaft.stiffness_nm2) / stiffness
+    length_std_m = measured_std * device.nominal_flexible_length_m
     if shaft.nominal_flexible_length_m is not None:
-        long = _std(shaft.flexible_length_m)
+        length_std_m = _std(shaft.flexible_length_m)
     low, high = wall.friction
-    drag = math.sqrt((low * low + low * high + high * high) / 3)  # root mean square of the uniform draw
-    tilt = _std((math.radians(wall.tilt_deg[0]), math.radians(wall.tilt_deg[1])))
-    degree, constant, independent = math.radians(1.0), math.inf, 0.0  # the last two: correlation times
+    friction_rms = math.sqrt((low * low + low * high + high * high) / 3)  # of a uniform draw
+    tilt_rad = _std((math.radians(wall.tilt_deg[0]), math.radians(wall.tilt_deg[1])))
+    degree, always, fresh = math.radians(1.0), math.inf, 0.0  # the last two: correlation times
 
     def uniform(bounds: tuple[float, float], unit: str = "") -> str:
         return f"U({bounds[0]:g}, {bounds[1]:g}){unit and ' '}{unit}"
 
-    off = f"metadata within {100 * shaft.known_to:g} %"
+    measured = f"metadata within {100 * shaft.known_to:g} %"
+    of_stiffness = measured if stiffness is None else f"{uniform(shaft.stiffness_nm2)} N m^2, nominal {stiffness:g}"
+    of_length = measured if shaft.nominal_flexible_length_m is None else f"{uniform(shaft.flexible_length_m)} m"
+    of_touch = f"dome's radius x friction {uniform(wall.friction)}; the wall's normal stays"
+    of_creep = f"not in the metadata; {100 * shaft.creep_share:g} %, {shaft.creep_s:g} s"
+    of_play = f"within {actuation.play_deg:g} degrees, until the knob has crossed it"
+    of_scale = f"measured within {100 * settings.scale_error:g} %"
+    out_of_plane, base, distance = shaft.out_of_plane_per_m, scene.base_shift_m, scene.camera_distance_m
+    turn_deg, yaw_deg, pitch_deg, k1 = scene.base_turn_deg, scene.yaw_deg, scene.pitch_deg, scene.distortion_k1
+    p12, of_p12 = _std(scene.distortion_tangential), uniform(scene.distortion_tangential)
+    depth_std_n, of_depth = BROAD_FORCE_STD_N * tilt_rad, f"wall's tilt {uniform(wall.tilt_deg, 'deg')}"
+    play_std_deg, scale_std = actuation.play_deg / math.sqrt(12), 2 * settings.scale_error / math.sqrt(12)
     return (
-        Parameter("force along the base tangent", "force", BROAD_FORCE_STD_N, "N", independent, "broad"),
-        Parameter("force across it in the image", "force", BROAD_FORCE_STD_N, "N", independent, "broad"),
+        Parameter("force along the base tangent", "force", BROAD_FORCE_STD_N, "N", fresh, "broad"),
+        Parameter("force across it in the image", "force", BROAD_FORCE_STD_N, "N", fresh, "broad"),
+        Parameter("force in depth", "depth", depth_std_n, "N", fresh, of_depth),
         Parameter(
-            "force in depth",
-            "depth",
-            BROAD_FORCE_STD_N * tilt,
-            "N",
-            independent,
-            f"wall's tilt {uniform(wall.tilt_deg, 'deg')}",
+            "place of the touch on the dome", "touch", 0.5 * friction_rms * device.diameter_m, "m", always, of_touch
         ),
+        Parameter("stiffness EI", "stiffness", stiffness_std, "1", always, of_stiffness),
         Parameter(
-            "place of the touch on the dome",
-            "touch",
-            0.5 * drag * device.diameter_m,
-            "m",
-            constant,
-            f"dome's radius x friction {uniform(wall.friction)}; the wall's normal stays",
+            "proximal stiffening", "stiffness profile", shaft.proximal_stiffer, "1", always, "not in the metadata"
         ),
-        Parameter(
-            "stiffness EI",
-            "stiffness",
-            firm,
-            "1",
-            constant,
-            off if stiffness is None else f"{uniform(shaft.stiffness_nm2)} N m^2, nominal {stiffness:g}",
-        ),
-        Parameter(
-            "proximal stiffening", "stiffness profile", shaft.proximal_stiffer, "1", constant, "not in the metadata"
-        ),
-        Parameter(
-            "creep, relative",
-            "creep",
-            1.0,
-            "1",
-            constant,
-            f"not in the metadata; {100 * shaft.creep_share:g} %, {shaft.creep_s:g} s",
-        ),
-        Parameter(
-            "free length",
-            "length",
-            long,
-            "m",
-            constant,
-            off if shaft.nominal_flexible_length_m is None else f"{uniform(shaft.flexible_length_m)} m",
-        ),
-        Parameter("knob factor", "knob", _std(actuation.factor), "1", constant, uniform(actuation.factor)),
+        Parameter("creep, relative", "creep", 1.0, "1", always, of_creep),
+        Parameter("free length", "length", length_std_m, "m", always, of_length),
+        Parameter("knob factor", "knob", _std(actuation.factor), "1", always, uniform(actuation.factor)),
         Parameter("knob drift", "knob", actuation.drift_rms, "1", actuation.drift_s, "Gauss-Markov"),
-        Parameter(
-            "place in the backlash",
-            "knob",
-            actuation.play_deg / math.sqrt(12),
-            "deg",
-            constant,
-            f"within {actuation.play_deg:g} degrees, until the knob has crossed it",
-        ),
-        Parameter(
-            "bend out of the plane",
-            "depth",
-            _std(shaft.out_of_plane_per_m),
-            "1/m",
-            constant,
-            uniform(shaft.out_of_plane_per_m, "1/m"),
-        ),
-        Parameter("base, right", "base", _std(scene.base_shift_m), "m", constant, uniform(scene.base_shift_m, "m")),
-        Parameter("base, down", "base", _std(scene.base_shift_m), "m", constant, uniform(scene.base_shift_m, "m")),
-        Parameter(
-            "base, turn",
-            "base",
-            degree * _std(scene.base_turn_deg),
-            "rad",
-            constant,
-            uniform(scene.base_turn_deg, "deg"),
-        ),
-        Parameter(
-            "camera, yaw", "camera", degree * _std(scene.yaw_deg), "rad", constant, uniform(scene.yaw_deg, "deg")
-        ),
-        Parameter(
-            "camera, pitch", "camera", degree * _std(scene.pitch_deg), "rad", constant, uniform(scene.pitch_deg, "deg")
-        ),
-        Parameter(
-            "camera, distance",
-            "camera",
-            _std(scene.camera_distance_m),
-            "m",
-            constant,
-            uniform(scene.camera_distance_m, "m"),
-        ),
-        Parameter("lens, k1", "camera", _std(scene.distortion_k1), "1", constant, uniform(scene.distortion_k1)),
-        Parameter(
-            "lens, p1", "camera", _std(scene.distortion_tangential), "1", constant, uniform(scene.distortion_tangential)
-        ),
-        Parameter(
-            "lens, p2", "camera", _std(scene.distortion_tangential), "1", constant, uniform(scene.distortion_tangential)
-        ),
-        Parameter(
-            "scale",
-            "scale",
-            2 * settings.scale_error / math.sqrt(12),
-            "1",
-            constant,
-            f"measured within {100 * settings.scale_error:g} %",
-        ),
+        Parameter("place in the backlash", "knob", play_std_deg, "deg", always, of_play),
+        Parameter("bend out of the plane", "depth", _std(out_of_plane), "1/m", always, uniform(out_of_plane, "1/m")),
+        Parameter("base, right", "base", _std(base), "m", always, uniform(base, "m")),
+        Parameter("base, down", "base", _std(base), "m", always, uniform(base, "m")),
+        Parameter("base, turn", "base", degree * _std(turn_deg), "rad", always, uniform(turn_deg, "deg")),
+        Parameter("camera, yaw", "camera", degree * _std(yaw_deg), "rad", always, uniform(yaw_deg, "deg")),
+        Parameter("camera, pitch", "camera", degree * _std(pitch_deg), "rad", always, uniform(pitch_deg, "deg")),
+        Parameter("camera, distance", "camera", _std(distance), "m", always, uniform(distance, "m")),
+        Parameter("lens, k1", "camera", _std(k1), "1", always, uniform(k1)),
+        Parameter("lens, p1", "camera", p12, "1", always, of_p12),
+        Parameter("lens, p2", "camera", p12, "1", always, of_p12),
+        Parameter("scale", "scale", scale_std, "1", always, of_scale),
     )
 
 
@@ -261,17 +195,13 @@ def noise_preset(settings: AnySimulationSettings | Mapping[str, Any]) -> str | N
     stated = settings.model_dump(mode="json") if not isinstance(settings, Mapping) else settings
     if stated.get("preset") in CENTRELINE_NOISE:
         return str(stated["preset"])
-    return next(
-        (
-            name
-            for name in CENTRELINE_NOISE
-            if _appearance(stated) == _appearance(PRESETS[name].model_dump(mode="json"))
-        ),
-        None,
-    )
+    for name in CENTRELINE_NOISE:
+        if _appearance(stated) == _appearance(PRESETS[name].model_dump(mode="json")):
+            return name
+    return None
 
 
 def _appearance(stated: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the settings that determine a session's images and forces."""
+    """Returns the settings that determine a session's images and forces: all but name, seed, number and length."""
     stated = {name: value for name, value in stated.items() if name not in ("preset", "seed", "number")}
     return stated | {"world": {name: value for name, value in stated.get("world", {}).items() if name != "seconds"}}

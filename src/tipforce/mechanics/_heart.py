@@ -22,10 +22,11 @@ def sine(cycles: FloatArray) -> FloatArray:
 
 
 def _bumps(cycles: FloatArray) -> FloatArray:
+    """Returns the sum of the Gaussian bumps of `_BUMPS` (n,) at times (n,) in cycles."""
     total = np.zeros(np.shape(cycles))
     for centre, width, height in _BUMPS:
-        away = np.remainder(360.0 * cycles - centre + 180.0, 360.0) - 180.0
-        total += height * np.exp(-0.5 * (away / width) ** 2)
+        from_centre_deg = np.remainder(360.0 * cycles - centre + 180.0, 360.0) - 180.0
+        total += height * np.exp(-0.5 * (from_centre_deg / width) ** 2)
     return total
 
 

@@ -84,6 +84,7 @@ class LineNoise:
         along = float(std[size])
 
         def spread(values: FloatArray) -> FloatArray:
+            """Returns the differences of the standard deviations' logarithms."""
             shaft, base, tip, base_m, tip_m = np.exp(values).tolist()
             noise = cls(shaft, length, along, base, base_m, tip, tip_m)
             return np.log(noise.std_at_m(arc_m) / std[:size])
@@ -92,12 +93,13 @@ class LineNoise:
         high = np.log([3.0 * middle, 30.0 * middle, 100.0 * middle, 0.5 * length, 0.5 * length])
         start = np.log([0.8 * middle, 0.3 * middle, max(std[size - 1], middle), 0.1 * length, 0.1 * length])
         shaft, base, tip, base_m, tip_m = _fitted(spread, start, low, high)
-        seen = covariance_m2[:size, :size] / np.outer(std[:size], std[:size])
+        measured = covariance_m2[:size, :size] / np.outer(std[:size], std[:size])
 
         def related(values: FloatArray) -> FloatArray:
+            """Returns the differences of the correlations."""
             correlation, white, common = np.exp(values).tolist()
             noise = cls(shaft, correlation, along, white_share=white, common_share=common)
-            return (noise.correlation(arc_m) - seen).ravel()
+            return (noise.correlation(arc_m) - measured).ravel()
 
         low = np.log([0.5 * length / size, 1e-3, 1e-4])
         high = np.log([length, 0.3, 0.69])
@@ -119,6 +121,7 @@ class LineNoise:
 def _fitted(
     function: Callable[[FloatArray], FloatArray], start: FloatArray, low: FloatArray, high: FloatArray
 ) -> list[float]:
+    """Returns exp(values) with the least squares of ``function(values)`` within the bounds, all as logarithms."""
     inner = 1e-6 * (high - low)
     found: Any = least_squares(function, np.clip(start, low + inner, high - inner), bounds=(low, high))
     return [math.exp(value) for value in found.x.tolist()]

@@ -33,15 +33,16 @@ def posterior_covariance(slopes: FloatArray, prior: FloatArray, wanted: int) -> 
     >>> posterior_covariance(slopes, np.eye(2), 1).ravel()  # 1 / (9 + 1), and the prior
     array([0.1, 1. ])
     """
+    # With prior = root root', the covariance is root (1 + (slopes root)' slopes root)^-1 root'.
     slopes = np.asarray(slopes, np.float64)
     root = _root(frozen("prior", prior, (slopes.shape[2], slopes.shape[2])))
     out = np.empty((len(slopes), wanted, wanted))
     for begin in range(0, len(slopes), _CHUNK_INSTANTS):
-        part = slopes[begin : begin + _CHUNK_INSTANTS] @ root
-        inside = np.swapaxes(part, 1, 2) @ part + np.eye(root.shape[1])
-        rows = np.broadcast_to(root[:wanted].T, (len(part), root.shape[1], wanted))
-        half = np.linalg.solve(np.linalg.cholesky(inside), rows)
-        out[begin : begin + _CHUNK_INSTANTS] = np.swapaxes(half, 1, 2) @ half
+        scaled = slopes[begin : begin + _CHUNK_INSTANTS] @ root
+        information = np.swapaxes(scaled, 1, 2) @ scaled + np.eye(root.shape[1])
+        rows = np.broadcast_to(root[:wanted].T, (len(scaled), root.shape[1], wanted))
+        half_factor = np.linalg.solve(np.linalg.cholesky(information), rows)
+        out[begin : begin + _CHUNK_INSTANTS] = np.swapaxes(half_factor, 1, 2) @ half_factor
     return out
 
 
@@ -82,12 +83,13 @@ def posterior_covariance_along(
     for row in range(m):
         if row:
             keep = np.array([_kept(times[row] - times[row - 1], each) for each in memory.tolist()])
+            # An unknown keeps a share of its deviation; its variance returns towards that of the prior.
             share = np.outer(keep, keep)
             root = _root(share * covariance + (1.0 - share) * prior)
-        seen = slopes[row] @ root
-        inside = cholesky(seen.T @ seen + eye, lower=True, check_finite=False)
-        half = solve_triangular(inside, root.T, lower=True, check_finite=False)
-        covariance = half.T @ half
+        scaled = slopes[row] @ root
+        information_root = cholesky(scaled.T @ scaled + eye, lower=True, check_finite=False)
+        half_factor = solve_triangular(information_root, root.T, lower=True, check_finite=False)
+        covariance = half_factor.T @ half_factor
         out[row] = covariance[:wanted, :wanted]
     return out
 
@@ -100,10 +102,10 @@ def _kept(step_s: float, memory_s: float) -> float:
 def _root(covariance: FloatArray) -> FloatArray:
     """Returns the lower triangular matrix whose product with its transpose is the covariance."""
     # Scaled to one on the diagonal: the units of the unknowns differ by ten powers of ten.
-    size = np.sqrt(np.diag(covariance))
-    if not (size > 0).all():
+    std = np.sqrt(np.diag(covariance))
+    if not (std > 0).all():
         raise ValueError("every unknown needs a prior: a standard deviation above 0; leave out unknowns of exact value")
     try:
-        return size[:, None] * cholesky(covariance / np.outer(size, size), lower=True, check_finite=False)
+        return std[:, None] * cholesky(covariance / np.outer(std, std), lower=True, check_finite=False)
     except LinAlgError as error:
         raise ValueError("the covariance of the unknowns is not positive definite") from error

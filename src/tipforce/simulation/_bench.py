@@ -58,6 +58,7 @@ class SimulatedBench(ClosedAtExit):
         resolution: Resolution = FINE,
         name: str = "",
     ) -> None:
+        """Stores the arguments; parameters, trajectory and images are computed when they are needed."""
         self.preset_settings = settings or SimulationSettings()
         """The settings as given, from which the parameters of the session are drawn."""
         self.settings = settings_of_session(self.preset_settings, seed, session)
@@ -145,12 +146,12 @@ class SimulatedBench(ClosedAtExit):
         """(m,) middle of each exposure, and (m, views) whether its image arrived."""
         clock, rng = self.settings.world.clock, self._rng(4)
         count = round(self.settings.world.seconds * clock.fps)
-        most = min(3.0 * clock.jitter_s, 0.45 / clock.fps)  # no frame comes before the one ahead of it
-        jitter = np.clip(rng.standard_normal(count) * clock.jitter_s, -most, most)
-        jitter[0] = abs(jitter[0])  # no stamp is before zero
-        kept = rng.random((len(self.views), count)) >= clock.dropped_share
-        kept &= np.arange(count) / clock.fps >= clock.images_from_s
-        return np.arange(count) / clock.fps + jitter, kept.T
+        max_jitter_s = min(3.0 * clock.jitter_s, 0.45 / clock.fps)  # less than half a period: the frames stay in order
+        jitter_s = np.clip(rng.standard_normal(count) * clock.jitter_s, -max_jitter_s, max_jitter_s)
+        jitter_s[0] = abs(jitter_s[0])  # no stamp is before zero
+        arrived = rng.random((len(self.views), count)) >= clock.dropped_share
+        arrived &= np.arange(count) / clock.fps >= clock.images_from_s
+        return np.arange(count) / clock.fps + jitter_s, arrived.T
 
     @property
     def _shown(self) -> BoolArray:
@@ -220,17 +221,21 @@ class SimulatedBench(ClosedAtExit):
         return joints.stamp_ns, joints.values[:, 0]
 
     def schedule(self) -> list[tuple[int, int, int]]:
-        """Returns all events in order: time on this bench's clock in ns, number of the stream, row in the stream."""
+        """Returns all events in the order of their arrival: (time on the camera's clock in ns, stream, row).
+
+        ``stream`` and ``row`` are the arguments of `event`. Events that arrive at the same time keep the order of their
+        streams.
+        """
         readings = self.readings
         force_ns = np.round(readings.log.true_s * 1e9).astype(np.int64)
         joints_ns = readings.joints.stamp_ns if self.has_joints else np.empty(0, np.int64)
         images = [self.stamp_ns[self.arrived(view)] + self.delay_ns(view) for view in self.views]
         stamps = (force_ns, readings.stage.stamp_ns, joints_ns, *images)
-        *drives, camera = self._delays_ns()
-        delays = (*drives, *(camera for _ in images))
-        arrival = np.concatenate([own + late for own, late in zip(stamps, delays, strict=True)])
-        stream = np.repeat(np.arange(len(stamps)), [len(own) for own in stamps])
-        row = np.concatenate([np.arange(len(own)) for own in stamps])
+        *drives, image_delay = self._delays_ns()
+        delays = (*drives, *(image_delay for _ in images))
+        arrival = np.concatenate([stream_ns + delay_ns for stream_ns, delay_ns in zip(stamps, delays, strict=True)])
+        stream = np.repeat(np.arange(len(stamps)), [len(stream_ns) for stream_ns in stamps])
+        row = np.concatenate([np.arange(len(stream_ns)) for stream_ns in stamps])
         order = np.argsort(arrival, kind="stable")
         return list(zip(arrival[order].tolist(), stream[order].tolist(), row[order].tolist(), strict=True))
 
@@ -272,6 +277,7 @@ class SimulatedBench(ClosedAtExit):
 
     @cached_property
     def _session_info(self) -> SessionInfo:
+        """The public metadata, rounded as a person would write them down; nominal values where there are some."""
         world, device = self.settings.world, self.session.bench_model.parameters.device
         imaging, gain = self.imaging, world.actuation.gain_per_m_deg
         metres_per_px = float(f"{imaging.measured_scale_m_per_px(self._bench_rng(5)):.4g}")
@@ -304,14 +310,15 @@ class SimulatedBench(ClosedAtExit):
         )
 
     def _stated_tissue_n_per_m(self) -> float | None:
-        within = self.settings.world.wall.stated_within
-        if within is None:
+        """Returns the stiffness of the tissue with the error of an earlier measurement; None: it is not stated."""
+        relative_sd = self.settings.world.wall.stated_within
+        if relative_sd is None:
             return None
-        error = math.exp(within * self._rng(12).standard_normal())
-        return float(f"{self.session.bench_model.parameters.wall_stiffness_n_per_m * error:.3g}")
+        error_factor = math.exp(relative_sd * self._rng(12).standard_normal())
+        return float(f"{self.session.bench_model.parameters.wall_stiffness_n_per_m * error_factor:.3g}")
 
     def values(self) -> dict[str, Any]:
-        """Returns all session parameters, by name."""
+        """Returns all drawn and solved parameters of the session, by name; names end in the unit."""
         session, log = self.session, self.log
         parameters = asdict(session.bench_model.parameters)
         drawn = parameters.pop("device") | parameters

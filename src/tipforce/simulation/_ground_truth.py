@@ -25,20 +25,23 @@ Bytes = npt.NDArray[np.uint8]
 
 
 def _unpacked(packed: Bytes, ends: IntArray, index: int, size: tuple[int, int]) -> BoolArray:
-    """Returns the ``index``-th mask (h, w); ``size``: (width, height)."""
+    """Returns the ``index``-th mask (h, w) of all compressed masks, ``packed``; ``ends`` (n,): end of each in bytes.
+
+    ``size``: (width, height). A decompressed mask has one bit a pixel.
+    """
     width, height = size
     start, length = int(ends[index - 1]) if index else 0, -(-width * height // 8)
     try:
-        row = zlib.decompressobj().decompress(packed[start : int(ends[index])].tobytes(), length + 1)
+        bits = zlib.decompressobj().decompress(packed[start : int(ends[index])].tobytes(), length + 1)
     except zlib.error as error:
         raise FileFormatError(f"the mask of frame {index} of a truth is damaged ({error}); simulate it again") from None
-    if len(row) != length:
+    if len(bits) != length:
         raise FileFormatError(
             f"the mask of frame {index} of a truth has not the {width} x {height} pixels that the truth claims; "
             "simulate it again"
         )
-    row = np.frombuffer(row, np.uint8)
-    return np.unpackbits(row, count=width * height).reshape(height, width).astype(np.bool_)
+    bits = np.frombuffer(bits, np.uint8)
+    return np.unpackbits(bits, count=width * height).reshape(height, width).astype(np.bool_)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,23 +143,23 @@ def collect_truth(bench: SimulatedBench, frames: IntArray | None = None) -> Trut
     """
     chosen = np.arange(len(bench.frame_s)) if frames is None else frames
     log, times = bench.log, bench.frame_s[chosen]
-    contact, trajectory, when = bench.trajectory.contact, bench.trajectory, bench.interpolator
+    contact, trajectory, interpolator = bench.trajectory.contact, bench.trajectory, bench.interpolator
     first, *rest = (_view_truth(bench, view, chosen) for view in bench.views)
-    row = when.nearest(times)
+    nearest = interpolator.nearest(times)
     return Truth(
         session=bench.name,
         stamp_ns=bench.stamp_ns[chosen],
-        force_n=when.at(contact.force_n, times),
-        touch_m=when.at(contact.touch_m, times),
-        touching=contact.touching[row],
-        slipping=contact.slipping[row],
-        centreline_m=when.lines_m(times),
+        force_n=interpolator.at(contact.force_n, times),
+        touch_m=interpolator.at(contact.touch_m, times),
+        touching=contact.touching[nearest],
+        slipping=contact.slipping[nearest],
+        centreline_m=interpolator.lines_m(times),
         centreline_px=first.centreline_px,
         visible=first.visible,
         mask_bytes=first.mask_bytes,
         mask_ends=first.mask_ends,
-        curvature_per_m=when.at(trajectory.curvature_per_m, times),
-        knob_deg=when.at(trajectory.knob_deg, times),
+        curvature_per_m=interpolator.at(trajectory.curvature_per_m, times),
+        knob_deg=interpolator.at(trajectory.knob_deg, times),
         camera_from_base=first.camera_from_base,
         sensor_from_base=Pose(log.rotation, np.zeros(3)),
         image_size=first.image_size,
@@ -164,19 +167,22 @@ def collect_truth(bench: SimulatedBench, frames: IntArray | None = None) -> Trut
         clock_drift=log.drift,
         values=bench.values(),
         settings=settings_record(bench.preset_settings, bench.seed, bench.number),
-        side_force_n=when.at(contact.side_force_n, times) if contact.wall.side_stiffness_n_per_m2 > 0.0 else None,
+        side_force_n=interpolator.at(contact.side_force_n, times)
+        if contact.wall.side_stiffness_n_per_m2 > 0.0
+        else None,
         others=dict(zip(bench.views[1:], rest, strict=True)),
     )
 
 
 def _view_truth(bench: SimulatedBench, view: str, frames: IntArray) -> ViewTruth:
+    """Collects the ground truth of one view at the indices ``frames`` (n,); each mask is compressed on its own."""
     images = [bench.image_truth(index, view) for index in frames.tolist()]
-    packed = [zlib.compress(np.packbits(image.mask).tobytes(), 1) for image in images]
+    compressed = [zlib.compress(np.packbits(image.mask).tobytes(), 1) for image in images]
     return ViewTruth(
         centreline_px=np.array([image.centreline_px for image in images]),
         visible=np.array([image.visible_share for image in images]),
-        mask_bytes=np.frombuffer(b"".join(packed), np.uint8),
-        mask_ends=np.cumsum([len(part) for part in packed]),
+        mask_bytes=np.frombuffer(b"".join(compressed), np.uint8),
+        mask_ends=np.cumsum([len(mask) for mask in compressed]),
         camera_from_base=bench.imaging.camera(view).camera_from_world,
         image_size=(bench.settings.width, bench.settings.height),
     )
@@ -213,16 +219,20 @@ def write_truth(truth: Truth, path: Path) -> None:
     if truth.others:
         about["others"] = list(truth.others)
     arrays = {"about": np.array(json.dumps(about)), **_arrays(truth)}
-    for view, seen in truth.others.items():
-        arrays |= {f"{view}.{name}": value for name, value in _arrays(seen).items()}
+    for view, view_truth in truth.others.items():
+        arrays |= {f"{view}.{name}": value for name, value in _arrays(view_truth).items()}
     with atomic_path(path) as part, part.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-def _read_arrays(kind: type[Truth | ViewTruth], arrays: Mapping[str, npt.NDArray[Any]], before: str) -> dict[str, Any]:
+def _read_arrays(kind: type[Truth | ViewTruth], arrays: Mapping[str, npt.NDArray[Any]], prefix: str) -> dict[str, Any]:
+    """Returns the fields of ``kind`` that are stored as arrays, by name: the inverse of `_arrays`.
+
+    ``prefix``: prefix of the names in the file, such as "b." for the second view; a field with a default may be absent.
+    """
     values: dict[str, Any] = {}
     for each in fields(kind):
-        name = before + each.name
+        name = prefix + each.name
         if each.name in _POSES:
             matrix = arrays[name]
             values[each.name] = Pose(matrix[:, :3], matrix[:, 3])

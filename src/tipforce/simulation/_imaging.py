@@ -39,21 +39,24 @@ _MAX_FRAMING_INSTANTS = 400
 
 
 def _framing(settings: SimulationSettings, session: Session) -> Framing:
-    """Returns the region that catheter and tissue cover in the planned motion after the approach."""
+    """Returns the region that catheter and tissue cover in the planned motion after the approach, in the base frame.
+
+    A person who sets up a camera knows this region and chooses the field of view for it.
+    """
     world, trajectory, wall = settings.world, session.trajectory, session.bench_model.wall
-    rows = np.flatnonzero(trajectory.time_s > world.tare_s + APPROACH_S)
-    rows = rows[:: max(1, rows.size // _MAX_FRAMING_INSTANTS)]
+    sampled = np.flatnonzero(trajectory.time_s > world.tare_s + APPROACH_S)
+    sampled = sampled[:: max(1, sampled.size // _MAX_FRAMING_INSTANTS)]
     contact = trajectory.contact
-    nodes = contact.rod.nodes_m(contact.quaternions[rows], contact.advance_m[rows])
+    nodes_m = contact.rod.nodes_m(contact.quaternions[sampled], contact.advance_m[sampled])
     forward = np.asarray(wall.normal)[:2] / np.linalg.norm(np.asarray(wall.normal)[:2])
-    face = float((trajectory.wall_m[rows, :2] @ forward).min())
+    face_m = float((trajectory.wall_m[sampled, :2] @ forward).min())  # where the wall has come farthest against the tip
     return Framing(
         size=(settings.width, settings.height),
         base_side=settings.scene.base_side,
-        reach_m=np.concatenate([nodes[:, ::4].reshape(-1, 3), nodes[:, -1]]),
+        reach_m=np.concatenate([nodes_m[:, ::4].reshape(-1, 3), nodes_m[:, -1]]),
         forward=forward,
-        face_m=face,
-        behind_m=float((nodes[:, -1, :2] @ forward).max()) - face,
+        face_m=face_m,
+        behind_m=float((nodes_m[:, -1, :2] @ forward).max()) - face_m,
         aside_m=float(session.bench_model.touch_m[:2] @ np.array([-forward[1], forward[0]])),
         face_radius_m=wall.face_radius_m,
     )
@@ -82,6 +85,7 @@ class CameraImaging:
         times_s: FloatArray,
         first_frame: int,
     ) -> None:
+        """Draws the scene of the session; the renderer is made when the first image is needed."""
         bench_model, (rng, catheter_rng) = session.bench_model, rngs
         self._first_frame = first_frame
         self.settings, self._bench_model, self._exposed, self._times_s = settings, bench_model, exposed, times_s
@@ -153,10 +157,10 @@ class CameraImaging:
         return self.renderer.truth(shapes, tissue, time_s=time_s)
 
     def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
-        """Returns the scale with an error of up to the stated share."""
+        """Returns the scale in m/px with a random error of at most the stated share (``scale_error``)."""
         off = self.settings.scale_error
         scale = self.scene.lens.scale_m_per_px * (1.0 + float(rng.uniform(-off, off)))
-        return scale * 640.0 / self.settings.width
+        return scale * 640.0 / self.settings.width  # the scene states its scale for 640 columns
 
     def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
         """Returns the metadata of the view that a person at the bench would know.
@@ -195,7 +199,7 @@ class CameraImaging:
 class XrayImaging:
     """Draws the images of a fluoroscope in one plane or two.
 
-    The pulses of the planes coincide, or come in turn (``view_delay_s``); then, too, each plane scatters into the
+    The pulses of the planes coincide, or alternate (``view_delay_s``); in both cases each plane scatters into the
     other. The heart rate and the breathing rate of the patient are those of the wall.
 
     Args:
@@ -216,6 +220,7 @@ class XrayImaging:
         times_s: FloatArray,
         kept: IntArray,
     ) -> None:
+        """Draws the scene; the catheter's size and the rhythm of heart and breath are those of the session's bench."""
         self.settings, self._exposed, self._times_s, self._kept = settings, exposed, times_s, kept
         self.views, self._delays_s = view_names(settings), view_delays_s(settings)
         self._length_m = bench_model.rod.length_m
@@ -231,7 +236,7 @@ class XrayImaging:
             ),
             *rngs,
         )
-        # the wall meets the tip at the maximum of the sine, when the heart is contracted and the lungs are full
+        # At the maximum of its wave the wall is nearest to the tip: the heart is contracted and the lungs are full.
         rhythm = replace(
             scene.rhythm,
             heart_hz=parameters.beat_hz,
@@ -280,7 +285,7 @@ class XrayImaging:
         return cast("Image", image)  # 8 bits
 
     def _pulse(self, number: int, delay_s: float) -> Pulse:
-        """Returns the input of the image of frame ``number``; the last `_KEPT_PULSES` new ones are kept."""
+        """Returns the input of frame ``number``, exposed ``delay_s`` late; the last ones are stored for the lag."""
         if (number, delay_s) not in self._pulses:
             time_s = float(self._times_s[number]) + delay_s
             shapes, tissue = self._exposed(time_s, self.scene.views[0].beam.pulse_s, _XRAY_EXPOSURE_INSTANTS)
@@ -304,9 +309,9 @@ class XrayImaging:
         return self._renderers[view].truth(shapes, tissue, time_s=time_s)
 
     def measured_scale_m_per_px(self, rng: np.random.Generator) -> float:
-        """Returns the scale at the isocentre, from the first view's calibration."""
+        """Returns the scale in m/px at the isocentre, from the first view's calibration."""
         del rng  # its error was drawn with the scene
-        return self.scene.views[0].stated.scale_m_per_px * 512.0 / self.settings.width
+        return self.scene.views[0].stated.scale_m_per_px * 512.0 / self.settings.width  # stated for 512 columns
 
     def view_info(self, view: str, metres_per_px: float) -> ViewInfo:
         """Returns the metadata of a view that a person at the bench would know.
@@ -330,7 +335,7 @@ class XrayImaging:
         )
 
     def _scale_uncertainty(self) -> float | None:
-        """Returns the relative standard uncertainty of the scale by the catheter's unknown distance from the plane."""
+        """Returns the relative standard uncertainty of the scale due to the catheter's unknown depth."""
         variety = self.settings.scene.variety
         if variety is None:
             return None
@@ -338,10 +343,10 @@ class XrayImaging:
         return standard_uncertainty(*(depth / source for depth in variety.depth_m))
 
     def values(self) -> dict[str, Any]:
-        """Returns each view's true projection matrix, and the base in the frame of the calibration.
+        """Returns the true values of the scene: projection matrices, pose of the base, photons.
 
-        Of a varied scene: also the electrodes (start and end in metres from the apex), and the drawn variety. The
-        projection holds before the table or the C-arm moves.
+        A varied scene adds the electrodes (start and end in metres from the apex) and the drawn variety. The projection
+        holds until the table or the C-arm moves.
         """
         pose, varied = self.scene.patient_from_base, {}
         if self.scene.variety is not None:

@@ -32,7 +32,9 @@ from ._settings import AnySimulationSettings
 from .world import Drive, Session, Trajectory, TrajectoryIntegrator, WorldSettings, instants_until
 
 _PER_UNIT = {ADVANCE: 1e3, KNOB: 1.0, STAGE_FORWARD: 1e3, STAGE_ACROSS: 1e3}
+"""Factor from the unit of a drive (m or degrees) to that of commands and readings (mm or degrees)."""
 _DIGITS = {ADVANCE: 4, KNOB: 2, STAGE_FORWARD: 4, STAGE_ACROSS: 4}
+"""Decimals of a reading."""
 
 
 class SimulatedActuators(ClosedAtExit):
@@ -57,6 +59,7 @@ class SimulatedActuators(ClosedAtExit):
         reach: Callable[[int], None],
         lock: AbstractContextManager[Any],
     ) -> None:
+        """Sets up the axes; there is no knob axis if the device has no knob."""
         self._run, self._clock, self._reach, self._lock = run, clock, reach, lock
         drives = {ADVANCE: run.clamp, KNOB: run.knob, STAGE_FORWARD: run.forward, STAGE_ACROSS: run.across}
         if settings.actuation.gain_per_m_deg == 0.0:
@@ -85,28 +88,28 @@ class SimulatedActuators(ClosedAtExit):
             ValueError: an axis is unknown or a value is not finite.
         """
         with self._lock:
-            taken = Commanded.of(self._now_ns(), targets, self._limits)
-            for name, target in taken.targets.items():
-                self._command_axis(name, taken.stamp_ns, target / _PER_UNIT[name] - self._home[name])
-            return taken
+            accepted = Commanded.of(self._now_ns(), targets, self._limits)
+            for name, target in accepted.targets.items():
+                self._command_axis(name, accepted.stamp_ns, target / _PER_UNIT[name] - self._home[name])
+            return accepted
 
     def read(self) -> Actuation:
         """Returns the positions of the axes at the clock's time, in whole steps."""
-        now = self._now_ns()
+        now_ns = self._now_ns()
         trajectory = self._run.trajectory
-        row = min(instants_until(now * 1e-9), trajectory.time_s.size) - 1
+        row = min(instants_until(now_ns * 1e-9), trajectory.time_s.size) - 1
         self._reach(row + 1)
-        places = {
+        positions = {
             ADVANCE: trajectory.advance_m[row],
             KNOB: trajectory.knob_deg[row],
             STAGE_FORWARD: trajectory.stage_m[row, 0],
             STAGE_ACROSS: trajectory.stage_m[row, 1],
         }
         values = {
-            name: round(_PER_UNIT[name] * (float(places[name]) + self._home[name]), _DIGITS[name])
+            name: round(_PER_UNIT[name] * (float(positions[name]) + self._home[name]), _DIGITS[name])
             for name in self._drives
         }
-        return Actuation(now, values)
+        return Actuation(now_ns, values)
 
     def stop(self, *axes: str) -> None:
         """Stops these axes, or all; see `Actuators.stop`."""
@@ -129,8 +132,8 @@ class SimulatedActuators(ClosedAtExit):
 
     def _limits_of(self, name: str) -> AxisLimits:
         model, home = self._drives[name].model, self._home[name]
-        own = model.low + home, model.high + home, model.max_speed, model.max_acceleration
-        return AxisLimits(*(_PER_UNIT[name] * x for x in own))
+        limits = model.low + home, model.high + home, model.max_speed, model.max_acceleration
+        return AxisLimits(*(_PER_UNIT[name] * x for x in limits))
 
     def _command_axis(self, name: str, now_ns: int, target: float) -> None:
         drive = self._drives[name]
@@ -157,7 +160,10 @@ class RealTimeClock(SystemClock):
         self._lost: deque[tuple[int, int]] = deque()
 
     def wait_for(self, at_ns: int) -> None:
-        """Sets the clock back to ``at_ns`` if that was more than 50 ms ago."""
+        """Sets the clock back to ``at_ns`` if that was more than 50 ms ago: the simulation was too slow.
+
+        The lost time is counted in `pace`, except a single long delay: code was compiled, or nobody took the events.
+        """
         behind_ns = self.now_ns() - at_ns
         if behind_ns <= _BEHIND_NS:
             return
@@ -172,7 +178,7 @@ class RealTimeClock(SystemClock):
     def pace(self) -> float:
         """Seconds of this clock per second of the machine's clock, over the last five; 1 on a fast computer."""
         now_ns = self._machine.now_ns()
-        lost_ns = sum(lost for at_ns, lost in tuple(self._lost) if at_ns >= now_ns - _PACE_NS)
+        lost_ns = sum(lost_here for at_ns, lost_here in tuple(self._lost) if at_ns >= now_ns - _PACE_NS)
         return max(0.0, 1.0 - lost_ns / min(_PACE_NS, max(1, now_ns - self._began_ns)))
 
 
@@ -180,6 +186,7 @@ class _LiveSource(SimulatedBench):
     """A session of ``plan`` that is simulated while its events are read, in the order of their arrival."""
 
     def __init__(self, plan: SimulatedBench, run: TrajectoryIntegrator, *, real_time: bool, images: bool) -> None:
+        """Starts the clock at the first event or at 0; the simulation is ahead of it by a drive's shortest delay."""
         super().__init__(plan.preset_settings, plan.seed, plan.number)
         self._plan, self.run, self._images = plan, run, images
         self._next = 0
@@ -222,7 +229,10 @@ class _LiveSource(SimulatedBench):
         return low + 2
 
     def reach(self, rows: int, now_ns: int | None = None) -> None:
-        """Simulates the first ``rows`` instants, and those that no command from ``now_ns`` on can change."""
+        """Simulates the first ``rows`` instants, and those that no command from ``now_ns`` on can change.
+
+        A command has its effect after the delay of its drive: the simulation may be ahead of the clock by the shortest.
+        """
         with self.lock:
             if rows > self.run.done:
                 now = self.clock.now_ns() if now_ns is None else now_ns
@@ -234,6 +244,7 @@ class _LiveSource(SimulatedBench):
         return np.flatnonzero(self._frames_need(self.views[-1]) <= self.run.done)
 
     def __iter__(self) -> Iterator[Event]:
+        """Yields the events in the order of their arrival; the trajectory is simulated as far as each of them needs."""
         while self._next < len(self._order):
             at_ns, stream, row = self._order[self._next]
             self._next += 1
@@ -273,11 +284,13 @@ class LiveSimulation:
         real_time: bool = False,
         images: bool = True,
     ) -> None:
+        """Stores the arguments; the session starts with the ``with`` statement."""
         self._plan = SimulatedBench(settings, seed, session)
         self._real_time, self._images = real_time, images
         self._begun: tuple[_LiveSource, SimulatedActuators] | None = None
 
     def __enter__(self) -> Self:
+        """Starts the session from its beginning."""
         run = self._plan.session.begin()
         source = _LiveSource(self._plan, run, real_time=self._real_time, images=self._images)
         self._begun = (

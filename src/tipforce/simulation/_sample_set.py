@@ -59,13 +59,15 @@ class SampleSet(Settings):
         rng = self._rng(number, 6)
         count = min(self.per_session, self.samples - number * self.per_session)
         world = self.settings.world
-        before = bench.frame_s < world.tare_s + APPROACH_S
-        logged = (bench.frame_s > bench.log.true_s[0] + 0.01) & (bench.frame_s < bench.log.true_s[-1] - 0.01)
+        before_contact = bench.frame_s < world.tare_s + APPROACH_S
+        # The force log covers the frame, with a margin of 10 ms at both ends, and no view has dropped it.
+        usable = (bench.frame_s > bench.log.true_s[0] + 0.01) & (bench.frame_s < bench.log.true_s[-1] - 0.01)
         for view in bench.views:
-            logged &= np.isin(np.arange(len(logged)), bench.arrived(view))
-        early, late = np.flatnonzero(before & logged), np.flatnonzero(~before & logged)
-        some = int(np.clip(rng.binomial(count, self.before_share), count - len(late), len(early)))
-        chosen = [rng.choice(early, some, replace=False), rng.choice(late, count - some, replace=False)]
+            usable &= np.isin(np.arange(len(usable)), bench.arrived(view))
+        early, late = np.flatnonzero(before_contact & usable), np.flatnonzero(~before_contact & usable)
+        # The number of early frames, limited so that there are enough frames of both kinds.
+        early_count = int(np.clip(rng.binomial(count, self.before_share), count - len(late), len(early)))
+        chosen = [rng.choice(early, early_count, replace=False), rng.choice(late, count - early_count, replace=False)]
         return np.sort(np.concatenate(chosen))
 
     def offset_ms(self, bench: SimulatedBench, number: int) -> float:
@@ -111,14 +113,14 @@ def sample_set(
     world = settings.world
     before = (world.tare_s + APPROACH_S) / world.seconds
     if seconds is None:
-        short = world.tare_s + APPROACH_S + 2.0 / world.motion.respiration_hz
-        seconds = min(world.seconds, short) if world.actuation.knob_deg_per_s == 0.0 else world.seconds
+        two_breaths_s = world.tare_s + APPROACH_S + 2.0 / world.motion.respiration_hz
+        seconds = min(world.seconds, two_breaths_s) if world.actuation.knob_deg_per_s == 0.0 else world.seconds
     world = world.model_copy(update={"seconds": seconds})
     require_long_enough(world)
-    most = int(0.8 * seconds * world.clock.fps)
-    if per_session > most:
+    most_frames = int(0.8 * seconds * world.clock.fps)  # some frames are dropped or outside of the force log
+    if per_session > most_frames:
         raise InputError(
-            f"samples_per_session={per_session}: a session of {seconds:g} s has images enough for {most}; state "
+            f"samples_per_session={per_session}: a session of {seconds:g} s has images enough for {most_frames}; state "
             "seconds for a longer one"
         )
     run = settings.model_copy(update={"world": world, "preset": f"{settings.preset} samples"})

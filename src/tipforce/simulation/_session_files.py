@@ -53,13 +53,14 @@ def _work(
     number: int,
     tick: Callable[[], None],
 ) -> None:
+    """Writes one session with its ground truth; ``tick`` is called after every frame."""
     bench, target = SimulatedBench(settings, seed, number), _place(root, suffix, number)
     write_truth(collect_truth(bench), truth_path(target))
     write(bench, target, tick)
 
 
 def _is_done(target: Path, settings: AnySimulationSettings, seed: int, number: int) -> bool:
-    """Returns whether ``target`` contains this very session.
+    """Returns whether ``target`` contains session ``number`` of ``seed`` with these settings.
 
     Raises:
         InputError: it contains another session.
@@ -103,13 +104,13 @@ def simulate(
     require_long_enough(settings.world)
     root = Path(folder)
     places = [_place(root, suffix, number) for number in range(sessions)]
-    wanted = [number for number, place in enumerate(places) if not _is_done(place, settings, seed, number)]
+    missing = [number for number, place in enumerate(places) if not _is_done(place, settings, seed, number)]
     frames = round(settings.world.seconds * settings.world.clock.fps) * len(view_names(settings))
     work = partial(_work, settings, seed, root, suffix, write)
     root.mkdir(parents=True, exist_ok=True)
     with output_lock(root):
-        what = f"simulating {len(wanted)} sessions"
+        what = f"simulating {len(missing)} sessions"
         (executor or LocalExecutor()).run(
-            work, wanted, steps=frames, shared=root, progress=None if progress is None else partial(progress, what)
+            work, missing, steps=frames, shared=root, progress=None if progress is None else partial(progress, what)
         )
     return places

@@ -1,7 +1,7 @@
 """All settings of a simulated bench, and the presets of the benchmark protocol."""
 
 import operator
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -78,6 +78,7 @@ class FluoroSettings(_BenchSettings):
 
     @model_validator(mode="after")
     def _second_view_before_the_next_pulse(self) -> Self:
+        """Checks that a delayed second view exists and is exposed before the next pulse of the first one."""
         period_s = 1.0 / self.world.clock.fps
         if self.view_delay_s and self.scene.planes < 2:
             raise ValueError("expected two planes with view_delay_s; this bench has one")
@@ -90,6 +91,12 @@ class FluoroSettings(_BenchSettings):
 
 
 AnySimulationSettings = SimulationSettings | FluoroSettings
+
+
+def _changed(world: WorldSettings, **parts: dict[str, Any]) -> WorldSettings:
+    """Returns ``world`` with other values; ``parts``: for some of its parts, values by the name of the setting."""
+    update = {part: getattr(world, part).model_copy(update=values) for part, values in parts.items()}
+    return world.model_copy(update=update)
 
 
 def settings_of_session(settings: AnySimulationSettings, seed: int, session: int) -> AnySimulationSettings:
@@ -110,10 +117,9 @@ def settings_of_session(settings: AnySimulationSettings, seed: int, session: int
     width, height = choice.sizes[int(rng.integers(len(choice.sizes)))]
     fps = choice.fps[int(rng.integers(len(choice.fps)))]
     side = choice.base_sides[int(rng.integers(len(choice.base_sides)))]
-    clock = settings.world.clock.model_copy(update={"fps": fps})
     return settings.model_copy(
         update={
-            "world": settings.world.model_copy(update={"clock": clock}),
+            "world": _changed(settings.world, clock={"fps": fps}),
             "scene": settings.scene.model_copy(update={"base_side": side}),
             "width": width,
             "height": height,
@@ -138,44 +144,32 @@ _MANY_CATHETERS = WorldSettings(
     actuation=ActuationSettings(knob_deg=(0.0, 30.0), knob_deg_per_s=10.0),
     wall=WallSettings(contact_angle_deg=(0.0, 80.0), either_side=True),
 )
-_IN_SPACE = _MANY_CATHETERS.model_copy(
-    update={
-        "shaft": _MANY_CATHETERS.shaft.model_copy(update={"out_of_plane_per_m": (-6.0, 6.0)}),
-        "wall": _MANY_CATHETERS.wall.model_copy(update={"tilt_deg": (-45.0, 45.0)}),
-        "clock": ClockSettings(fps=15.0),
-    }
+_IN_SPACE = _changed(
+    _MANY_CATHETERS,
+    shaft={"out_of_plane_per_m": (-6.0, 6.0)},
+    wall={"tilt_deg": (-45.0, 45.0)},
+    clock={"fps": 15.0},
 )
 """Shaft and wall are out of the image plane, as in a heart."""
 
-_OTHER_BENCHES = _MANY_CATHETERS.model_copy(
-    update={
-        "shaft": _MANY_CATHETERS.shaft.model_copy(
-            update={"diameter_m": (5 * _FRENCH_M, 9 * _FRENCH_M), "diameter_known_to": 0.05}
-        ),
-        "wall": _MANY_CATHETERS.wall.model_copy(
-            update={
-                "stiffness_n_per_m": (30.0, 500.0),
-                "log_stiffness": True,
-                "laws": ("linear", "hertz", "exponential"),
-                "loss_factors": (0.1, 0.5),
-                "faces": ("flat", "convex", "concave"),
-            }
-        ),
-        "motion": MotionSettings(by_hand_share=0.5, peak_force_n=(0.05, 0.60), peak_within_n=5e-3, same_peak=12),
-    }
+_OTHER_BENCHES = _changed(
+    _MANY_CATHETERS,
+    shaft={"diameter_m": (5 * _FRENCH_M, 9 * _FRENCH_M), "diameter_known_to": 0.05},
+    wall={
+        "stiffness_n_per_m": (30.0, 500.0),
+        "log_stiffness": True,
+        "laws": ("linear", "hertz", "exponential"),
+        "loss_factors": (0.1, 0.5),
+        "faces": ("flat", "convex", "concave"),
+    },
+    motion={"by_hand_share": 0.5, "peak_force_n": (0.05, 0.60), "peak_within_n": 5e-3, "same_peak": 12},
 )
-
-_OTHER_CATHETERS = _IN_SPACE.model_copy(
-    update={
-        "shaft": _IN_SPACE.shaft.model_copy(
-            update={
-                "name": "ablation catheter",
-                "diameter_m": (4 * _FRENCH_M, 9 * _FRENCH_M),
-                "diameter_known_to": 0.05,
-            }
-        )
-    }
+_OTHER_CATHETERS = _changed(
+    _IN_SPACE,
+    shaft={"name": "ablation catheter", "diameter_m": (4 * _FRENCH_M, 9 * _FRENCH_M), "diameter_known_to": 0.05},
 )
+_GUIDEWIRE_KNOTS = ((0.0, 1.0), (0.15, 1.0), (0.3, 0.58), (0.45, 0.31), (0.6, 0.15), (0.75, 0.07), (1.0, 0.05))
+"""The guidewire's EI falls towards its end, see ``stiffness_knots``."""
 _DETECTORS = DetectorChoice(
     sizes=((512, 512), (512, 512), (768, 768), (1024, 1024)),
     fps=(7.5, 15.0),
@@ -232,15 +226,7 @@ PRESETS: dict[str, AnySimulationSettings] = {
                 nominal_flexible_length_m=35e-3,
                 nominal_stiffness_nm2=2.9e-4,
                 proximal_stiffer=0.0,
-                stiffness_knots=(
-                    (0.0, 1.0),
-                    (0.15, 1.0),
-                    (0.3, 0.58),
-                    (0.45, 0.31),
-                    (0.6, 0.15),
-                    (0.75, 0.07),
-                    (1.0, 0.05),
-                ),
+                stiffness_knots=_GUIDEWIRE_KNOTS,
                 creep_share=0.01,
             ),
             actuation=ActuationSettings(knob_deg=(0.0, 0.0), gain_per_m_deg=0.0, play_deg=0.0, drift_rms=0.0),

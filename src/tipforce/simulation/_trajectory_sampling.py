@@ -29,9 +29,9 @@ class TrajectoryInterpolator:
 
     def place(self, time_s: FloatArray) -> tuple[IntArray, FloatArray]:
         """Returns the index of the instant before each time, and the share of the step from there to the next one."""
-        place = (time_s + LEAD_S) / (STEP_S * self._resolution.every)
-        low = np.clip(np.floor(place).astype(np.int64), 0, self._trajectory.time_s.size - 2)
-        return low, place - low
+        steps = (time_s + LEAD_S) / (STEP_S * self._resolution.every)
+        low = np.clip(np.floor(steps).astype(np.int64), 0, self._trajectory.time_s.size - 2)
+        return low, steps - low
 
     def nearest(self, time_s: FloatArray) -> IntArray:
         """Returns the indices (k,) of the trajectory's instants nearest to ``time_s``."""
@@ -49,8 +49,8 @@ class TrajectoryInterpolator:
             (k, ...) values at these times.
         """
         low, share = self.place(time_s)
-        part = share.reshape(-1, *[1] * (values.ndim - 1))
-        return values[low] * (1 - part) + values[low + 1] * part
+        weight = share.reshape(-1, *[1] * (values.ndim - 1))
+        return values[low] * (1 - weight) + values[low + 1] * weight
 
     def lines_m(self, time_s: FloatArray) -> FloatArray:
         """Returns the centreline (k, points, 3) at ``time_s`` (k,): base frame, base to apex, uniform in arc length."""
@@ -95,9 +95,10 @@ _SENSOR_DEPTH_M = 0.02
 
 
 class _ReadingLog:
-    """A drive's readings: rows of ``values`` (k, n) by ``names``, rounded to ``digits``."""
+    """A drive's readings at ``hertz``: ``values`` (k, n) of n axes by ``names``, rounded to ``digits`` decimals."""
 
     def __init__(self, hertz: float, seconds: float, names: tuple[str, ...], digits: int, place: Place) -> None:
+        """Sets up the times of the readings; `take` fills the values."""
         times = np.arange(round(seconds * hertz)) / hertz
         self.stamp_ns: IntArray = np.round(times * 1e9).astype(np.int64)
         self.names, self.digits = names, digits
@@ -107,11 +108,14 @@ class _ReadingLog:
         """Number of instants of the trajectory that must have been simulated before a row can be read."""
 
     def take(self, columns: tuple[tuple[FloatArray, float], ...], first: int, end: int) -> None:
-        """Takes the readings from ``first`` to ``end``, exclusive, of ``columns``, each multiplied by its factor."""
-        low, part = self._low[first:end], self._share[first:end]
-        for k, (column, unit) in enumerate(columns[: len(self.names)]):
-            value = unit * (column[low] * (1 - part) + column[low + 1] * part)
-            self.values[first:end, k] = np.round(value, self.digits)
+        """Fills the readings from ``first`` to ``end`` (exclusive) by linear interpolation of the trajectory.
+
+        ``columns``: for each axis its positions (m,) at the instants, and the factor to the unit of the reading.
+        """
+        low, share = self._low[first:end], self._share[first:end]
+        for axis, (column, factor) in enumerate(columns[: len(self.names)]):
+            value = factor * (column[low] * (1 - share) + column[low + 1] * share)
+            self.values[first:end, axis] = np.round(value, self.digits)
 
 
 class Readings:
@@ -129,6 +133,7 @@ class Readings:
     """
 
     def __init__(self, bench_model: BenchModel, place: Place, rng: np.random.Generator) -> None:
+        """Sets up the logs, which have one row for each reading of the session; `take` fills them."""
         world = bench_model.settings
         angle = float(np.arctan2(bench_model.forward[1], bench_model.forward[0]))
         self.bench_model, self._home_m = bench_model, world.clamp.home_m
@@ -148,33 +153,31 @@ class Readings:
             trajectory: trajectory of the session.
             rows: number of its instants that are simulated; only these are read.
         """
+        # A complete trajectory allows also the last force reading, whose need is one instant more than there are.
         rows = len(trajectory.time_s) + 1 if rows == len(trajectory.time_s) else rows
-        for k, need in enumerate((self.need_force, self.stage.need, self.joints.need)):
-            first, end = self._taken[k], int(np.searchsorted(need, rows, side="right"))
+        for log, need in enumerate((self.need_force, self.stage.need, self.joints.need)):
+            first, end = self._taken[log], int(np.searchsorted(need, rows, side="right"))
             if end <= first:
                 continue
-            self._taken[k] = end
-            if k == 0:
+            self._taken[log] = end
+            if log == 0:
                 window = slice(max(0, int(self._low[first]) - 1), int(self._low[end - 1]) + 3)
                 self.sensor.take(self._load(trajectory, window), first, end)
-            elif k == 1:
+            elif log == 1:
                 self.stage.take(((trajectory.command_m[:, 0], 1e3), (trajectory.command_m[:, 1], 1e3)), first, end)
             else:
                 self.joints.take(((trajectory.knob_deg, 1.0), (trajectory.advance_m + self._home_m, 1e3)), first, end)
 
     def _load(self, trajectory: Trajectory, rows: slice) -> SensorLoad:
+        """Returns the load on the sensor at the instants ``rows``, with the tissue's force on the tip reversed."""
         origin = trajectory.wall_m[rows] + _SENSOR_DEPTH_M * self.bench_model.forward
         contact = trajectory.contact
         side = None
         if self.bench_model.wall.side_stiffness_n_per_m2 > 0.0:
             side = -contact.side_force_n[rows], trajectory.side_touch_m(rows) - origin
-        return SensorLoad(
-            trajectory.time_s[rows],
-            -contact.force_n[rows],
-            contact.touch_m[rows] - origin,
-            trajectory.acceleration_m_per_s2[rows],
-            side,
-        )
+        lever_m = contact.touch_m[rows] - origin
+        acceleration = trajectory.acceleration_m_per_s2[rows]
+        return SensorLoad(trajectory.time_s[rows], -contact.force_n[rows], lever_m, acceleration, side)
 
     def wrench(self, row: int) -> Wrench:
         """Returns a reading of the force sensor, stamped by its own clock."""

@@ -49,17 +49,17 @@ class LinearBeam(RodModel):
         nodes, angles = nodes_at(rod, edges)
         lever = rod.rigid_length_m * np.array([np.cos(angles[-1]), np.sin(angles[-1])])
         stiffer = 1 + (mean_curvature(rod, edges) / rod.stiffening_curvature_per_m) ** 2
-        bending = stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])) * stiffer
-        whole = np.zeros((3 * n + 3, 3 * n + 3))
+        bending_nm2 = stiffness_at(rod, 0.5 * (edges[1:] + edges[:-1])) * stiffer
+        stiffness = np.zeros((3 * n + 3, 3 * n + 3))
         for i in range(n):
-            whole[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += _element(
-                nodes[i + 1] - nodes[i], bending[i], self.diameter_m
+            stiffness[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += _element(
+                nodes[i + 1] - nodes[i], bending_nm2[i], self.diameter_m
             )
         # Loads at the tip: unit fx, fy and moment, carried to the last node by the rigid electrode.
         loads = np.zeros((3 * n, 3))
         loads[-3:] = [[1, 0, 0], [0, 1, 0], [-lever[1], lever[0], 1]]
-        moved = np.linalg.solve(whole[3:, 3:], loads).reshape(n, 3, 3)
-        turned = np.array([[-lever[1]], [lever[0]]]) * moved[-1, 2]
+        moved = np.linalg.solve(stiffness[3:, 3:], loads).reshape(n, 3, 3)  # x, y, angle of each node by each unit load
+        turned = np.array([[-lever[1]], [lever[0]]]) * moved[-1, 2]  # the tip moves by the turn of the electrode, too
         compliance = np.concatenate([np.zeros((1, 2, 3)), moved[:, :2], (moved[-1, :2] + turned)[None]])
         rest = PolylineShape(np.append(edges, rod.length_m), np.vstack([nodes, nodes[-1] + lever]), True)
         object.__setattr__(self, "_rest", rest)
@@ -124,17 +124,13 @@ class LargeDeflection(RodModel):
         object.__setattr__(self, "_stiffness_nm2", mean_stiffness(self.rod))
 
     def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
+        """Returns the shape under a tip force in N and moment in N m; `_solve` of this module finds the base moment."""
         rod = self.rod
         nodes = np.zeros((self.steps + 2, 2))
         converged = _solve(
-            self._curvature_per_m,
-            rod.flexible_length_m,
-            rod.rigid_length_m,
-            self._stiffness_nm2,
-            (fx, fy, moment_nm),
-            first_share(rod, fx, fy, moment_nm),
-            nodes,
-        )
+            self._curvature_per_m, rod.flexible_length_m, rod.rigid_length_m, self._stiffness_nm2,
+            (fx, fy, moment_nm), first_share(rod, fx, fy, moment_nm), nodes,
+        )  # fmt: skip
         arc = np.append(np.linspace(0.0, rod.flexible_length_m, self.steps + 1), rod.length_m)
         return PolylineShape(arc, nodes, bool(converged))
 
@@ -211,26 +207,30 @@ def _solve(
     first_share: float,
     nodes: FloatArray,
 ) -> bool:
-    """Raises the load from 0, as in `_solve_chain`; the positions of the last integration remain in ``nodes``."""
-    at_base = share = angle = 0.0
+    """Solves the moment at the base while the load is raised from 0; returns whether it converged.
+
+    A step whose iteration fails or whose tip jumps is halved, so that the shape stays on the unloaded branch. The
+    arguments are those of `_shoot`, whose ``nodes`` remain; ``first_share``: share of the load in the first step.
+    """
+    at_base = share = last_angle = 0.0
     step = first_share
-    _, _, angle, _ = _shoot(curvature, length, lever, ei, (0.0, 0.0, 0.0), 0.0, nodes)
+    _, _, last_angle, _ = _shoot(curvature, length, lever, ei, (0.0, 0.0, 0.0), 0.0, nodes)
     converged = True
     while share < 1.0:
         target = min(1.0, share + step)
         load = (target * whole[0], target * whole[1], target * whole[2])
-        tried, now, converged = at_base, angle, False
+        trial, tip_angle, converged = at_base, last_angle, False
         for _ in range(_MAX_ITERATIONS):
-            miss, slope, now, turn = _shoot(curvature, length, lever, ei, load, tried, nodes)
+            miss, slope, tip_angle, angle_slope = _shoot(curvature, length, lever, ei, load, trial, nodes)
             if abs(miss) * length < _TOLERANCE * ei:
                 converged = True
                 break
             if not slope > 0.0:  # a conjugate point: on another branch, or not stable
                 break
             change = -miss / slope
-            tried += change * min(1.0, _MAX_TURN / max(abs(change * turn), 1e-300))
-        if (converged and abs(now - angle) < _MAX_JUMP) or step < 1e-3:
-            share, at_base, angle = target, tried, now
+            trial += change * min(1.0, _MAX_TURN / max(abs(change * angle_slope), 1e-300))
+        if (converged and abs(tip_angle - last_angle) < _MAX_JUMP) or step < 1e-3:
+            share, at_base, last_angle = target, trial, tip_angle
         else:
             step *= 0.5
     return converged

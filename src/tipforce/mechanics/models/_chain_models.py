@@ -91,26 +91,30 @@ def _energy(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float) ->
 
 @njit(cache=True, error_model="numpy")
 def _assemble(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, work: FloatArray) -> float:
-    """Computes gradient and Hessian's diagonals of the energy in ``work`` (4, m); returns max |gradient|."""
+    """Computes gradient, diagonal and upper diagonal of the Hessian of `_energy` into the rows of ``work`` (4, m).
+
+    Returns the largest component of the gradient in N m.
+    """
     gradient, diagonal, upper = work[0], work[1], work[2]
-    before = 0.0
+    previous_angle = 0.0
     for i in range(q.size):
-        a, ei, k0 = chain.span_m[i], chain.stiffness_nm2[i], chain.precurvature_per_m[i]
-        k = (q[i] - before) / a
+        span_m, ei, k0 = chain.span_m[i], chain.stiffness_nm2[i], chain.precurvature_per_m[i]
+        k = (q[i] - previous_angle) / span_m
         stiffer = 1.0 + chain.soft * k * k
-        bend = ei * stiffer * (k - k0)
-        slope = ei * (stiffer + 2.0 * chain.soft * k * (k - k0)) / a
+        joint_moment = ei * stiffer * (k - k0)
+        joint_slope = ei * (stiffer + 2.0 * chain.soft * k * (k - k0)) / span_m
         c, s = math.cos(q[i]), math.sin(q[i])
         pull, push = fx * c + fy * s, fy * c - fx * s
         reach = chain.link_m[i] + chain.give_m_per_n[i] * pull
-        gradient[i] = bend - reach * push
-        diagonal[i] = slope + reach * pull - chain.give_m_per_n[i] * push * push
-        left_gradient, left_diagonal, coupling = -bend, slope, -slope
+        gradient[i] = joint_moment - reach * push
+        diagonal[i] = joint_slope + reach * pull - chain.give_m_per_n[i] * push * push
+        # The same joint's part for the angle before it, and the coupling of both.
+        left_gradient, left_diagonal, coupling = -joint_moment, joint_slope, -joint_slope
         if chain.arc_m[i] > 0.0:
-            middle = 0.5 * (q[i] + before)
+            middle = 0.5 * (q[i] + previous_angle)
             c, s = math.cos(middle), math.sin(middle)
             along, across = chain.arc_m[i] * (fx * c + fy * s), chain.arc_m[i] * (fy * c - fx * s)
-            short, short1, short2 = _shrink(q[i] - before)
+            short, short1, short2 = _shrink(q[i] - previous_angle)
             gradient[i] -= 0.5 * across * short + along * short1
             left_gradient -= 0.5 * across * short - along * short1
             diagonal[i] -= -0.25 * along * short + across * short1 + along * short2
@@ -120,14 +124,14 @@ def _assemble(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, 
             gradient[i - 1] += left_gradient
             diagonal[i - 1] += left_diagonal
             upper[i - 1] = coupling
-        before = q[i]
+        previous_angle = q[i]
     gradient[q.size - 1] -= moment
     return np.max(np.abs(gradient))
 
 
 @njit(cache=True, error_model="numpy")
 def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
-    """Solves (H + shift I) step = -gradient; False if that matrix is not positive definite."""
+    """Solves (H + shift I) step = -gradient (tridiagonal) for ``work`` of `_assemble`; False if it is not definite."""
     gradient, diagonal, upper, pivot = work[0], work[1], work[2], work[3]
     n = step.size
     for i in range(n):
@@ -147,7 +151,11 @@ def _newton_step(work: FloatArray, shift: float, step: FloatArray) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def _relax(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, work: FloatArray) -> bool:
-    """Moves ``q`` in place to the nearest equilibrium downhill; False if none was found. ``work`` (6, m)."""
+    """Moves the angles ``q`` (m,) in place to the nearest minimum of the energy; returns whether one was found.
+
+    Newton's method; the Hessian is shifted until it is positive definite, and a step is halved until the energy falls.
+    ``work`` (6, m): buffer.
+    """
     step, trial = work[4], work[5]
     spring = np.min(chain.stiffness_nm2 / chain.span_m)
     energy = _energy(q, chain, fx, fy, moment)
@@ -167,13 +175,13 @@ def _relax(q: FloatArray, chain: Chain, fx: float, fy: float, moment: float, wor
         slack = 1e-14 * (abs(energy) + spring)  # close to the minimum the gain is smaller than rounding
         while True:
             trial[:] = q + scale * step
-            tried = _energy(trial, chain, fx, fy, moment)
-            if tried <= energy + 1e-4 * scale * descent + slack:
+            trial_energy = _energy(trial, chain, fx, fy, moment)
+            if trial_energy <= energy + 1e-4 * scale * descent + slack:
                 break
             scale *= 0.5
             if scale < 1e-10:
                 return False
-        energy = tried
+        energy = trial_energy
         q[:] = trial
     return False
 
@@ -204,12 +212,12 @@ def _solve_links(rod: PlanarRod, chain: Chain, clamped_m: float, load: tuple[flo
     fx, fy, moment_nm = load
     angles = np.empty(chain.span_m.size)
     converged = _solve_chain(chain, fx, fy, moment_nm, first_share(rod, fx, fy, moment_nm), angles)
-    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    ways *= (chain.link_m + chain.give_m_per_n * (ways @ np.array([fx, fy])))[:, None]
+    steps_m = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    steps_m *= (chain.link_m + chain.give_m_per_n * (steps_m @ np.array([fx, fy])))[:, None]
     nodes = np.zeros((angles.size + 2, 2))
     arc = np.zeros(angles.size + 2)
     nodes[1:, 0] = arc[1:] = clamped_m
-    nodes[2:] += np.cumsum(ways, axis=0)
+    nodes[2:] += np.cumsum(steps_m, axis=0)
     arc[2:] += np.cumsum(chain.link_m)
     return PolylineShape(arc, nodes, bool(converged))
 
@@ -267,6 +275,7 @@ class MassSpring(RodModel):
     _chain: Chain = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Builds the chain: a bending spring at each particle, and links that the pull along them lengthens."""
         if self.pieces < 1 or not self.diameter_m > 0:
             raise ValueError(f"a mass-spring chain needs a piece and a positive diameter, got {self}")
         rod, n = self.rod, self.pieces
@@ -308,6 +317,7 @@ class ConstantCurvature(RodModel):
     _chain: Chain = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Builds the chain: ``arcs`` equal arcs, and the rigid electrode as a link at the last one."""
         if self.arcs < 1:
             raise ValueError(f"arcs: expected at least 1, got {self.arcs}")
         rod, n = self.rod, self.arcs
@@ -326,6 +336,7 @@ class ConstantCurvature(RodModel):
         object.__setattr__(self, "_chain", chain)
 
     def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
+        """Solves the angle at the end of each arc, and returns points on the arcs, then the electrode's end."""
         rod, n, chain = self.rod, self.arcs, self._chain
         ends = np.empty(n)
         converged = _solve_chain(chain, fx, fy, moment_nm, first_share(rod, fx, fy, moment_nm), ends)

@@ -44,7 +44,7 @@ class RodModel(ABC):
     __slots__ = ()
 
     def solve_static(self, force_n: FloatArray, moment_nm: float = 0.0) -> PolylineShape:
-        """Returns the shape under a load on the tip; it is smooth in the load.
+        """Returns the shape under a load on the tip; small changes of the load give small changes of the shape.
 
         Args:
             force_n: (2,) force on the tip, base frame.
@@ -122,9 +122,9 @@ def mean_stiffness(rod: PlanarRod) -> float:
     """
     edges = np.linspace(0.0, rod.flexible_length_m, 4 * rod.segments + 1)
     arc = 0.5 * (edges[1:] + edges[:-1])
-    slope = stiffness_at(rod, arc) * (1 + (curvature_at(rod, arc) / rod.stiffening_curvature_per_m) ** 2)
+    stiffnesses = stiffness_at(rod, arc) * (1 + (curvature_at(rod, arc) / rod.stiffening_curvature_per_m) ** 2)
     weight = (rod.length_m - arc) ** 2
-    return float(weight.sum() / (weight / slope).sum())
+    return float(weight.sum() / (weight / stiffnesses).sum())
 
 
 def nodes_at(rod: PlanarRod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -137,12 +137,13 @@ def nodes_at(rod: PlanarRod, arc_m: FloatArray) -> tuple[FloatArray, FloatArray]
     Returns:
         (k, 2) positions in metres and (k,) angles in rad, base frame.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(5)
+    # Gauss-Legendre quadrature of the tangent over each piece.
+    gauss_nodes, weights = np.polynomial.legendre.leggauss(5)
     step = np.diff(arc_m)
-    inside = arc_m[:-1, None] + 0.5 * step[:, None] * (1 + nodes)
+    inside = arc_m[:-1, None] + 0.5 * step[:, None] * (1 + gauss_nodes)
     angle = _angle_at(rod, inside.ravel()).reshape(inside.shape)
-    ways = 0.5 * step[:, None] * np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1)
-    return np.vstack([np.zeros((1, 2)), np.cumsum(ways, axis=0)]), _angle_at(rod, arc_m)
+    steps_m = 0.5 * step[:, None] * np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1)
+    return np.vstack([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)]), _angle_at(rod, arc_m)
 
 
 def first_share(rod: PlanarRod, fx: float, fy: float, moment_nm: float) -> float:
@@ -157,5 +158,5 @@ def first_share(rod: PlanarRod, fx: float, fy: float, moment_nm: float) -> float
     Returns:
         The share, 0 to 1.
     """
-    size = (math.hypot(fx, fy) * rod.length_m**2 + abs(moment_nm) * rod.length_m) / rod.bending_stiffness_nm2
-    return 1.0 / max(1.0, math.ceil(size))
+    bend_rad = (math.hypot(fx, fy) * rod.length_m**2 + abs(moment_nm) * rod.length_m) / rod.bending_stiffness_nm2
+    return 1.0 / max(1.0, math.ceil(bend_rad))

@@ -37,6 +37,7 @@ class PseudoRigidBody(RodModel):
     _numbers: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Computes hinge, link, electrode and spring of the unloaded rod."""
         rod = self.rod
         nodes, angles = nodes_at(rod, np.linspace(0.0, rod.flexible_length_m, rod.segments + 1))
         hinge = (1 - _GAMMA) * rod.flexible_length_m
@@ -46,6 +47,7 @@ class PseudoRigidBody(RodModel):
         object.__setattr__(self, "_numbers", np.array(numbers))
 
     def _solve(self, fx: float, fy: float, moment_nm: float) -> PolylineShape:
+        """Places the clamp, the hinge, the end of the shaft and the tip."""
         hinge, radius, rest, end, lever, _ = self._numbers
         turn, converged = _turn(self._numbers, fx, fy, moment_nm, first_share(self.rod, fx, fy, moment_nm))
         nodes = np.zeros((4, 2))
@@ -59,26 +61,30 @@ class PseudoRigidBody(RodModel):
 
 @njit(cache=True, error_model="numpy")
 def _turn(numbers: FloatArray, fx: float, fy: float, moment: float, first_share: float) -> tuple[float, bool]:
-    """Returns the angle of the hinge on the unloaded branch, by Newton's method while the load is raised."""
-    radius, rest, end, lever, spring = numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]
+    """Returns the angle of the hinge in rad and whether it converged, by Newton's method while the load is raised.
+
+    ``numbers`` (6,): of `PseudoRigidBody`; ``fx``, ``fy`` in N and ``moment`` in N m act on the tip; ``first_share``:
+    share of the load in the first step. Raising the load in steps keeps the angle on the unloaded branch.
+    """
+    radius, rest_rad, end_rad, lever, spring = numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]
     turn = share = 0.0
     step, converged = first_share, True
     while share < 1.0:
         target = min(1.0, share + step)
-        trial, converged, last = turn, False, False
+        trial, converged, is_last = turn, False, False
         for _ in range(50):
-            if last:
+            if is_last:
                 converged = True
                 break
-            c, s = math.cos(rest + trial), math.sin(rest + trial)
-            ca, sa = math.cos(end + _C_THETA * trial), math.sin(end + _C_THETA * trial)
+            c, s = math.cos(rest_rad + trial), math.sin(rest_rad + trial)
+            ca, sa = math.cos(end_rad + _C_THETA * trial), math.sin(end_rad + _C_THETA * trial)
             gradient = spring * trial - target * radius * (fy * c - fx * s)
             gradient -= target * _C_THETA * (lever * (fy * ca - fx * sa) + moment)
             slope = spring + target * radius * (fx * c + fy * s) + target * _C_THETA**2 * lever * (fx * ca + fy * sa)
-            change = -gradient / max(slope, 0.1 * spring)  # positive: downhill in the energy
-            trial += max(-0.4, min(0.4, change))
-            last = abs(change) < 1e-9
-        if (converged and abs(trial - turn) < 0.7) or step < 1e-3:
+            change = -gradient / max(slope, 0.1 * spring)  # a positive slope: the step goes downhill in the energy
+            trial += max(-0.4, min(0.4, change))  # rad: the iteration stays on its branch
+            is_last = abs(change) < 1e-9
+        if (converged and abs(trial - turn) < 0.7) or step < 1e-3:  # a larger turn, in rad, is a jump
             share, turn = target, trial
         else:
             step *= 0.5

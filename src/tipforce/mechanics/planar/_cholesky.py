@@ -48,11 +48,11 @@ def solve_in(factor: FloatArray, answer: FloatArray) -> None:
         answer: (n,) right-hand side, then the solution.
     """
     count = answer.size
-    for i in range(count):
+    for i in range(count):  # forward substitution
         for k in range(i):
             answer[i] -= factor[i, k] * answer[k]
         answer[i] /= factor[i, i]
-    for i in range(count - 1, -1, -1):
+    for i in range(count - 1, -1, -1):  # backward substitution
         for k in range(i + 1, count):
             answer[i] -= factor[k, i] * answer[k]
         answer[i] /= factor[i, i]

@@ -108,9 +108,9 @@ def hold_in(
     c, s, length = hold.c, hold.s, rod.h * last
     iteration = 0
     while True:
-        size = math.hypot(hold.along_n, across_n)
+        force_n = math.hypot(hold.along_n, across_n)
         for i in range(n):
-            rod.k0[i] = k0[i] + hold.lever_per_m_n * size
+            rod.k0[i] = k0[i] + hold.lever_per_m_n * force_n
         sincos(theta, cosine, sine)
         load = Load(c * hold.along_n - s * across_n, s * hold.along_n + c * across_n, 0.0, carried)
         residual = assemble(theta, cosine, sine, rod, load, work) / rod.scale
@@ -119,41 +119,44 @@ def hold_in(
         if not positive:
             for i in range(n):
                 negative += 1 if scratch[INVERSE_PIVOTS, i] < 0.0 else 0
-        turn = hold.lever_per_m_n * across_n / size if size > 1e-9 else 0.0
+        # How the angles yield to the reaction: through its lever arm, and through the curvature that it adds.
+        curvature_per_n = hold.lever_per_m_n * across_n / force_n if force_n > 1e-9 else 0.0
         previous = 0.0
         for i in range(n):
             reach = rod.h if i < last else rod.lever
             yielding[i] = reach * (c * cosine[i] + s * sine[i])
-        if turn != 0.0:
+        if curvature_per_n != 0.0:
             for i in range(n):
                 span = rod.h if 0 < i < last else 0.5 * rod.h
                 k = (theta[i] - previous) / span
                 previous = theta[i]
-                joint = rod.ei[i] * (1.0 + rod.soft * k * k) * turn
+                joint = rod.ei[i] * (1.0 + rod.soft * k * k) * curvature_per_n
                 yielding[i] += joint
                 if i > 0:
                     yielding[i - 1] -= joint
         solve_factorised(scratch, yielding)
-        miss = hold.aside_m
-        give = moved = 0.0
+        # How far the loaded point is from where it is held, and its move by the step and for each newton.
+        miss_m = hold.aside_m
+        give_m_per_n = moved_m = 0.0
         for i in range(n):
             reach = rod.h if i < last else rod.lever
-            miss -= reach * (c * sine[i] - s * cosine[i])
+            miss_m -= reach * (c * sine[i] - s * cosine[i])
             arm = reach * (c * cosine[i] + s * sine[i])
-            give += arm * yielding[i]
-            moved += arm * step[i]
-        stable = negative == 0 or (negative == 1 and give < 0.0)
-        done = residual <= tolerance and abs(miss) <= _MAX_MISS * length
-        if done or iteration == _MAX_ITERATIONS or give == 0.0:
-            return Held(done, stable, across_n, give)
-        change_n = (miss - moved) / give
+            give_m_per_n += arm * yielding[i]
+            moved_m += arm * step[i]
+        # The hold removes one direction: it stabilises a shape with one negative eigenvalue if that gives way to it.
+        stable = negative == 0 or (negative == 1 and give_m_per_n < 0.0)
+        done = residual <= tolerance and abs(miss_m) <= _MAX_MISS * length
+        if done or iteration == _MAX_ITERATIONS or give_m_per_n == 0.0:
+            return Held(done, stable, across_n, give_m_per_n)
+        change_n = (miss_m - moved_m) / give_m_per_n
         longest = 1e-300
         for i in range(n):
             step[i] += change_n * yielding[i]
             longest = max(longest, abs(step[i]))
         scale = min(1.0, _MAX_TURN_RAD / longest)
         if not scale > 0.0:  # not a number
-            return Held(False, False, across_n, give)
+            return Held(False, False, across_n, give_m_per_n)
         for i in range(n):
             theta[i] += scale * step[i]
         across_n += scale * change_n

@@ -14,17 +14,7 @@ import numpy as np
 from ...types import FloatArray
 from ._compile import compiled
 from ._held import Hold, aside, hold_in
-from ._newton import (
-    COSINE,
-    SCRATCH,
-    SINE,
-    TOLERANCE,
-    Elastic,
-    Load,
-    follow,
-    relax_in,
-    solve_factorised,
-)
+from ._newton import COSINE, SCRATCH, SINE, TOLERANCE, Elastic, Load, follow, relax_in, solve_factorised
 
 UNKNOWNS = (
     "force_x_n",
@@ -173,18 +163,18 @@ def is_possible(q: FloatArray, model: Model) -> bool:
         model: the rod.
     """
     size = math.hypot(q[_FX], q[_FY]) * model.flexible_m**2 / model.stiffness_nm2
-    stiff = min(1.0 + q[_EI], 1.0 + q[_PROXIMAL], 1.0 + q[_LENGTH], 1.0 + q[_SCALE]) > 0.3
+    firm = min(1.0 + q[_EI], 1.0 + q[_PROXIMAL], 1.0 + q[_LENGTH], 1.0 + q[_SCALE]) > 0.3
     largest = 0.0
     for rest in model.rest_per_m:
         largest = max(largest, abs(q[_K0] + rest))
     bend = abs(q[_K0]) * model.flexible_m
     # if the stiffness falls with the curvature there is no unique shape
-    return size < _MAX_LOAD and stiff and bend < _MAX_BEND_RAD and q[_SOFT] > _MIN_SOFT and q[_SOFT] * largest**2 < 3.0
+    return size < _MAX_LOAD and firm and bend < _MAX_BEND_RAD and q[_SOFT] > _MIN_SOFT and q[_SOFT] * largest**2 < 3.0
 
 
 @compiled
 def _rod_at(q: FloatArray, model: Model, line: Line, work: Work) -> Elastic:
-    """Returns the rod at ``q``, in the buffers ``ei`` and ``k0``."""
+    """Returns the rod with the unknowns ``q``; its EI and curvature without load are in ``work.ei`` and ``work.k0``."""
     n = model.segments + 1
     h = model.flexible_m * (1.0 + q[_LENGTH]) / model.segments
     for i in range(n):
@@ -248,6 +238,7 @@ def turn_rates(
     cosine, sine = work.scratch[COSINE], work.scratch[SINE]
     side = work.before
     for parameter in range(_ROD_UNKNOWNS + 1):
+        # Minus the derivative of the unbalanced moments; `solve_factorised` then gives that of the angles.
         previous = 0.0
         for i in range(n):
             reach = h if i < last else model.rigid_m - model.dome_m
@@ -260,13 +251,13 @@ def turn_rates(
                 span = h if 0 < i < last else 0.5 * h
                 k = (work.theta[i] - previous) / span
                 stiffer = 1.0 + q[_SOFT] * k * k
-                bent = work.ei[i] * stiffer * (k - work.k0[i])
+                moment = work.ei[i] * stiffer * (k - work.k0[i])
                 if parameter == _K0:
                     joint = work.ei[i] * stiffer
                 elif parameter == _EI:
-                    joint = -bent / (1.0 + q[_EI])
+                    joint = -moment / (1.0 + q[_EI])
                 elif parameter == _PROXIMAL:
-                    joint = -bent / (1.0 + q[_PROXIMAL]) if 3 * i < model.segments else 0.0
+                    joint = -moment / (1.0 + q[_PROXIMAL]) if 3 * i < model.segments else 0.0
                 elif parameter == _SOFT:
                     joint = -work.ei[i] * k * k * (k - work.k0[i])
                 elif parameter == _CREPT:
@@ -283,13 +274,13 @@ def turn_rates(
             side[i] = value
         solve_factorised(work.scratch[:SCRATCH], side)
         if held:  # the reaction changes so that the point stays, or moves as `_FY` says
-            missing = 1.0 if parameter == _FY else 0.0
+            missing_m = 1.0 if parameter == _FY else 0.0
             for i in range(n):
                 reach = h if i < last else model.rigid_m - model.dome_m
-                missing -= reach * (c * cosine[i] + s * sine[i]) * side[i]
+                missing_m -= reach * (c * cosine[i] + s * sine[i]) * side[i]
                 if parameter == _LENGTH and i < last:
-                    missing -= per_length * (c * sine[i] - s * cosine[i])
-            rate = missing / work.reaction[1]
+                    missing_m -= per_length * (c * sine[i] - s * cosine[i])
+            rate = missing_m / work.reaction[1]
             work.reaction_rates[parameter] = rate
             for i in range(n):
                 side[i] += rate * work.yielding[i]
@@ -325,17 +316,17 @@ def measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Wo
     segments, p = model.segments, line.from_tip.size
     h = model.flexible_m * (1.0 + q[_LENGTH]) / segments
     length = h * segments + model.rigid_m
-    larger = 1.0 + q[_SCALE]
+    scale_ratio = 1.0 + q[_SCALE]
     c, s = math.cos(q[_ANGLE]), math.sin(q[_ANGLE])
     count = q.size
-    # of the first point, on the tangent of the clamp and beside it
+    # The first point in the frame of the clamp: along its tangent and beside it.
     first_x, first_y = line.points[0, 0] - q[_X], line.points[0, 1] - q[_Y]
     ahead, aside = c * first_x + s * first_y, c * first_y - s * first_x
     for i in range(p):
         if line.from_clamp:
-            arc = larger * (ahead + line.from_tip[0] - line.from_tip[i])
+            arc = scale_ratio * (ahead + line.from_tip[0] - line.from_tip[i])
         else:
-            arc = length - line.from_tip[i] * larger
+            arc = length - line.from_tip[i] * scale_ratio
         if arc < 0.0:  # behind the clamp the line is straight
             first, share, x, y, ex, ey = 0, 0.0, arc, 0.0, 1.0, 0.0
         else:
@@ -350,12 +341,13 @@ def measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Wo
                 sag, lean = -0.5 * bend * h * share * (1.0 - share), -0.5 * bend * (1.0 - 2.0 * share)
                 x, y = x - sag * ey, y + sag * ex
                 ex, ey = ex - lean * ey, ey + lean * ex
-        rx, ry = (c * x - s * y) / larger, (s * x + c * y) / larger
+        # (x, y): point of the rod in the frame of the clamp; (gx, gy): from the middle of the image, before distortion.
+        rx, ry = (c * x - s * y) / scale_ratio, (s * x + c * y) / scale_ratio
         gx, gy = q[_X] + rx - line.middle[0], q[_Y] + ry - line.middle[1]
-        tilt, square = q[_TILT_X] * gx + q[_TILT_Y] * gy, gx * gx + gy * gy
-        grow = 1.0 + tilt + q[_RADIAL] * square
-        dx = line.points[i, 0] - line.middle[0] - grow * gx
-        dy = line.points[i, 1] - line.middle[1] - grow * gy
+        tilt, square_distance = q[_TILT_X] * gx + q[_TILT_Y] * gy, gx * gx + gy * gy
+        magnification = 1.0 + tilt + q[_RADIAL] * square_distance
+        dx = line.points[i, 0] - line.middle[0] - magnification * gx
+        dy = line.points[i, 1] - line.middle[1] - magnification * gy
         rows = 1 if i < p - 1 else 2
         for turn in range(rows):
             nx, ny = line.normals[i, 0], line.normals[i, 1]
@@ -366,19 +358,19 @@ def measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Wo
             for k in range(modes.shape[1]):
                 value -= modes[row, k] * q[count - modes.shape[1] + k]
             work.residual[row] = value
-            # through the camera's map: its slope is grow 1 + gx (tilt, ...)
-            way = nx * gx + ny * gy
-            ux = grow * nx + way * (q[_TILT_X] + 2.0 * q[_RADIAL] * gx)
-            uy = grow * ny + way * (q[_TILT_Y] + 2.0 * q[_RADIAL] * gy)
-            bx, by = (c * ux + s * uy) / larger, (-s * ux + c * uy) / larger
+            # Derivatives: the normal is carried back through the camera's map, whose slope is grow 1 + gx (tilt, ...).
+            normal_part = nx * gx + ny * gy
+            ux = magnification * nx + normal_part * (q[_TILT_X] + 2.0 * q[_RADIAL] * gx)
+            uy = magnification * ny + normal_part * (q[_TILT_Y] + 2.0 * q[_RADIAL] * gy)
+            bx, by = (c * ux + s * uy) / scale_ratio, (-s * ux + c * uy) / scale_ratio
             along = bx * ex + by * ey
             for k in range(_ROD_UNKNOWNS):
                 if arc < 0.0:
                     work.slopes[row, k] = bx * model.flexible_m if k == _LENGTH and not line.from_clamp else 0.0
                     continue
-                moves = work.turns[k]
-                mx = moves[0, first] + share * (moves[0, first + 1] - moves[0, first])
-                my = moves[1, first] + share * (moves[1, first + 1] - moves[1, first])
+                rates = work.turns[k]
+                mx = rates[0, first] + share * (rates[0, first + 1] - rates[0, first])
+                my = rates[1, first] + share * (rates[1, first + 1] - rates[1, first])
                 work.slopes[row, k] = bx * mx + by * my
                 if k == _LENGTH:  # the share of the element at this distance from the tip, or the clamp, changes, too
                     passed = (first + (share if first < segments else 0.0)) / segments
@@ -386,21 +378,21 @@ def measure(q: FloatArray, model: Model, line: Line, modes: FloatArray, work: Wo
                     work.slopes[row, k] += along * model.flexible_m * grows
             work.slopes[row, _X], work.slopes[row, _Y] = ux, uy
             work.slopes[row, _ANGLE] = -ux * ry + uy * rx
-            work.slopes[row, _SCALE] = -(ux * rx + uy * ry) / larger
+            work.slopes[row, _SCALE] = -(ux * rx + uy * ry) / scale_ratio
             if line.from_clamp:
-                work.slopes[row, _SCALE] += along * arc / larger
-                work.slopes[row, _X] -= along * larger * c
-                work.slopes[row, _Y] -= along * larger * s
-                work.slopes[row, _ANGLE] += along * larger * aside
+                work.slopes[row, _SCALE] += along * arc / scale_ratio
+                work.slopes[row, _X] -= along * scale_ratio * c
+                work.slopes[row, _Y] -= along * scale_ratio * s
+                work.slopes[row, _ANGLE] += along * scale_ratio * aside
             else:
                 work.slopes[row, _SCALE] -= along * line.from_tip[i]
-            work.slopes[row, _TILT_X], work.slopes[row, _TILT_Y] = way * gx, way * gy
-            work.slopes[row, _RADIAL] = way * square
+            work.slopes[row, _TILT_X], work.slopes[row, _TILT_Y] = normal_part * gx, normal_part * gy
+            work.slopes[row, _RADIAL] = normal_part * square_distance
             work.slopes[row, _CREEP] = line.past_n[0] * work.slopes[row, _FX] + line.past_n[1] * work.slopes[row, _FY]
             if arc >= 0.0:
-                moves = work.turns[_CREPT]
-                mx = moves[0, first] + share * (moves[0, first + 1] - moves[0, first])
-                my = moves[1, first] + share * (moves[1, first + 1] - moves[1, first])
+                rates = work.turns[_CREPT]
+                mx = rates[0, first] + share * (rates[0, first + 1] - rates[0, first])
+                my = rates[1, first] + share * (rates[1, first + 1] - rates[1, first])
                 work.slopes[row, _CREEP] += bx * mx + by * my
             for k in range(modes.shape[1]):
                 work.slopes[row, count - modes.shape[1] + k] = modes[row, k]
@@ -455,7 +447,7 @@ def predict_held_line(
         Whether there is such a shape.
     """
     rod = _rod_at(q, model, line, work)
-    for i in range(work.theta.size):
+    for i in range(work.theta.size):  # a copy, because `hold_in` overwrites ``k0``
         work.unloaded[i] = work.k0[i]
     hold = Hold(q[_FX], q[_FY], c, s, lever_per_m_n)
     found = hold_in(

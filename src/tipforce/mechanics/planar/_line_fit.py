@@ -47,43 +47,34 @@ class Found(NamedTuple):
 
 @compiled
 def _cost(
-    q: FloatArray,
-    mean: FloatArray,
-    information: FloatArray,
-    whiten: FloatArray,
-    ease: float,
-    limit: float,
-    work: Work,
+    q: FloatArray, mean: FloatArray, information: FloatArray, whiten: FloatArray, ease: float, limit: float, work: Work
 ) -> tuple[float, float]:
-    """Returns Huber's loss of the whitened residual plus the prior's, and the squares' sum. Fills ``white[:, -1]``."""
+    """Returns the cost of ``q`` (Huber's loss of the whitened residuals plus the prior's), and their sum of squares.
+
+    The whitened residuals are left in the last column of ``work.white``; for the arguments see `_assemble`.
+    """
     rows, count = work.residual.size, q.size
-    loss = plain = 0.0
+    loss = square_sum = 0.0
     for i in range(rows):
         value = 0.0
         for j in range(i + 1):
             value += whiten[i, j] * work.residual[j]
         value *= ease
         work.white[i, count] = value
-        size = abs(value)
-        plain += value * value
+        size = abs(value)  # Huber: quadratic up to the limit, then linear
+        square_sum += value * value
         loss += 0.5 * value * value if size <= limit else limit * (size - 0.5 * limit)
-    for i in range(count):
-        part = 0.0
+    for i in range(count):  # the prior's part
+        row_sum = 0.0
         for j in range(count):
-            part += information[i, j] * (q[j] - mean[j])
-        loss += 0.5 * part * (q[i] - mean[i])
-    return loss, plain
+            row_sum += information[i, j] * (q[j] - mean[j])
+        loss += 0.5 * row_sum * (q[i] - mean[i])
+    return loss, square_sum
 
 
 @compiled
 def _assemble(
-    q: FloatArray,
-    mean: FloatArray,
-    information: FloatArray,
-    whiten: FloatArray,
-    ease: float,
-    limit: float,
-    work: Work,
+    q: FloatArray, mean: FloatArray, information: FloatArray, whiten: FloatArray, ease: float, limit: float, work: Work
 ) -> None:
     """Computes the normal equations of a Gauss-Newton step at ``q``: ``work.matrix`` times the step is ``work.side``.
 
@@ -163,35 +154,36 @@ def fit_line(
         Cost, residuals, and whether the fit converged.
     """
     count = q.size
-    cost, plain, plain_there = math.inf, math.inf, math.inf
+    cost, square_sum, tried_square_sum = math.inf, math.inf, math.inf
     damping, iteration, done, stable = 0.0, -1, False, False
     bound, largest = 1e300, 0.0  # far from the line, squares converge faster
     ease = _FIRST_EASE if cold else 1.0
     for k in range(count):
         work.tried[k] = q[k]
     for _ in range(_TRIES_PER_STEP * most + 4):
+        # Solve the shape at the tried unknowns, next to the present shape.
         for i in range(work.theta.size):
             work.kept[i] = work.theta[i]
-        converged, stable_there = False, False
+        converged, tried_stable = False, False
         if is_possible(work.tried, model):
-            converged, stable_there = solve_shape(work.tried, model, line, work, cold and iteration < 0)
-        turned = 0.0
+            converged, tried_stable = solve_shape(work.tried, model, line, work, cold and iteration < 0)
+        largest_turn = 0.0
         if iteration >= 0:
             for i in range(work.theta.size):
-                turned = max(turned, abs(work.theta[i] - work.kept[i]))
+                largest_turn = max(largest_turn, abs(work.theta[i] - work.kept[i]))
         tried_cost = math.inf
-        if converged and stable_there and turned < _MAX_TURN_RAD:
+        if converged and tried_stable and largest_turn < _MAX_TURN_RAD:
             fx, fy = load_at(work.tried, line)
             turn_rates(work.tried, fx, fy, False, 1.0, 0.0, model, line, work)
             measure(work.tried, model, line, modes, work)
-            tried_cost, plain_there = _cost(work.tried, mean, information, whiten, ease, bound, work)
+            tried_cost, tried_square_sum = _cost(work.tried, mean, information, whiten, ease, bound, work)
         if iteration < 0 and tried_cost == math.inf:
-            return Found(math.inf, math.inf, math.nan, False, stable_there, 0)
+            return Found(math.inf, math.inf, math.nan, False, tried_stable, 0)
         if tried_cost <= cost:
             done = done or (damping < 1e-2 and cost - tried_cost < (_CONVERGED_GAIN if ease == 1.0 else _EASED_GAIN))
             for k in range(count):
                 q[k] = work.tried[k]
-            cost, plain, stable = tried_cost, plain_there, stable_there
+            cost, square_sum, stable = tried_cost, tried_square_sum, tried_stable
             largest = 0.0
             for i in range(work.residual.size):
                 largest = max(largest, abs(work.white[i, count]))
@@ -202,6 +194,7 @@ def fit_line(
             for i in range(work.theta.size):
                 work.theta[i] = work.kept[i]
             damping = max(1e-2, 6.0 * damping)
+        # Converged with eased noise, or with squares although a residual exceeds the limit: go on with the true cost.
         if done and (ease < 1.0 or (bound > limit and largest > limit)):
             if ease < 1.0:
                 ease = min(1.0, _EASE_STEP * ease)
@@ -213,6 +206,7 @@ def fit_line(
             continue
         if done or iteration >= most or damping > _MAX_DAMPING:
             break
+        # The next step, damped (Levenberg-Marquardt) until the matrix is positive definite.
         while damping <= _MAX_DAMPING and math.isnan(factorise(work.matrix, damping, work.factor)):
             damping = max(1e-3, 4.0 * damping)
         if damping > _MAX_DAMPING:
@@ -226,9 +220,9 @@ def fit_line(
             decrement += work.step[k] * work.side[k]
         done = decrement < _CONVERGED_STEP**2 and damping < 1e-2
     log_det = factorise(work.matrix, 0.0, work.factor)
-    for a in range(count):
-        column = covariance[a]
-        for b in range(count):
-            column[b] = 1.0 if a == b else 0.0
+    for row in range(count):
+        column = covariance[row]
+        for other in range(count):
+            column[other] = 1.0 if row == other else 0.0
         solve_in(work.factor, column)
-    return Found(cost, plain, log_det, done and not math.isnan(log_det), stable, iteration)
+    return Found(cost, square_sum, log_det, done and not math.isnan(log_det), stable, iteration)

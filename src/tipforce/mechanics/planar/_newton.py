@@ -120,17 +120,17 @@ def energy_at(theta: FloatArray, cosine: FloatArray, sine: FloatArray, rod: Elas
     """
     last = theta.size - 1
     sincos(theta, cosine, sine)
-    x = y = bend = spread = previous = 0.0
+    x = y = bending_energy = distributed_work = previous = 0.0
     for i in range(last + 1):
         span = rod.h if 0 < i < last else 0.5 * rod.h
         k = (theta[i] - previous) / span
         previous = theta[i]
-        bend += span * rod.ei[i] * bending_density(k, rod.k0[i], rod.soft)
+        bending_energy += span * rod.ei[i] * bending_density(k, rod.k0[i], rod.soft)
         reach = rod.h if i < last else rod.lever
         x += reach * cosine[i]
         y += reach * sine[i]
-        spread += reach * (load.carried[i, 0] * cosine[i] + load.carried[i, 1] * sine[i])
-    return bend - load.fx * x - load.fy * y - load.m * theta[last] - spread
+        distributed_work += reach * (load.carried[i, 0] * cosine[i] + load.carried[i, 1] * sine[i])
+    return bending_energy - load.fx * x - load.fy * y - load.m * theta[last] - distributed_work
 
 
 @compiled
@@ -154,12 +154,13 @@ def assemble(
     gradient, diagonal, upper = work[0], work[1], work[2]
     previous = 0.0
     for i in range(last + 1):
+        # Joint i bends between elements i - 1 and i: its moment acts on both with opposite signs.
         span = rod.h if 0 < i < last else 0.5 * rod.h
         k = (theta[i] - previous) / span
         previous = theta[i]
-        stiffer = 1.0 + rod.soft * k * k
+        stiffer = 1.0 + rod.soft * k * k  # EI grows with the curvature k
         moment = rod.ei[i] * stiffer * (k - rod.k0[i])
-        slope = rod.ei[i] * (stiffer + 2.0 * rod.soft * k * (k - rod.k0[i])) / span
+        slope = rod.ei[i] * (stiffer + 2.0 * rod.soft * k * (k - rod.k0[i])) / span  # of the moment with the angle
         reach = rod.h if i < last else rod.lever
         c, s = reach * cosine[i], reach * sine[i]
         force_x, force_y = load.fx + load.carried[i, 0], load.fy + load.carried[i, 1]
@@ -302,15 +303,18 @@ _RESTART_STEP = 0.02
 
 
 @compiled
-def _tangent(rod: Elastic, load: Load, scratch: FloatArray, way: FloatArray) -> None:
-    """Computes the change of the angles with the share of the load into ``way``; ``scratch``: from `relax_in`."""
-    last = way.size - 1
+def _tangent(rod: Elastic, load: Load, scratch: FloatArray, tangent: FloatArray) -> None:
+    """Computes into ``tangent`` (n,) the change of the angles in rad for each unit of the share of ``load``.
+
+    ``scratch``: from `relax_in`, with the factors of the Hessian at the present shape.
+    """
+    last = tangent.size - 1
     cosine, sine = scratch[COSINE], scratch[SINE]
     for i in range(last + 1):
         reach = rod.h if i < last else rod.lever
-        way[i] = reach * ((load.fy + load.carried[i, 1]) * cosine[i] - (load.fx + load.carried[i, 0]) * sine[i])
-    way[last] += load.m
-    solve_factorised(scratch, way)
+        tangent[i] = reach * ((load.fy + load.carried[i, 1]) * cosine[i] - (load.fx + load.carried[i, 0]) * sine[i])
+    tangent[last] += load.m
+    solve_factorised(scratch, tangent)
 
 
 @compiled
@@ -337,11 +341,11 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
         The result, and whether the branch has no jump.
     """
     n = theta.size
-    work, before, way, way_before = scratch[:SCRATCH], scratch[SCRATCH], scratch[SCRATCH + 1], scratch[SCRATCH + 2]
-    way_last, carried = scratch[SCRATCH + 3], np.zeros((n, 2))
+    work, theta_before, carried = scratch[:SCRATCH], scratch[SCRATCH], np.zeros((n, 2))
+    tangent, tangent_before, tangent_last = scratch[SCRATCH + 1], scratch[SCRATCH + 2], scratch[SCRATCH + 3]
     outcome = relax_in(theta, rod, Load(0.0, 0.0, 0.0, carried), _PATH_TOLERANCE, work)
-    _tangent(rod, load, work, way)
-    _copy(way, way_last)
+    _tangent(rod, load, work, tangent)
+    _copy(tangent, tangent_last)
     stable = outcome.stable
     iterations = outcome.iterations
     followed = True
@@ -350,42 +354,42 @@ def follow(theta: FloatArray, rod: Elastic, load: Load, first: float, scratch: F
         if stable:
             longest = 0.0
             for i in range(n):
-                longest = max(longest, abs(way[i]))
+                longest = max(longest, abs(tangent[i]))
             step = max(_MIN_LOAD_STEP, min(step, _MAX_TANGENT_STEP_RAD / (longest + 1e-300)))
         target = min(1.0, share + step)
         step = target - share
-        _copy(theta, before)
-        _copy(way, way_before)
+        _copy(theta, theta_before)
+        _copy(tangent, tangent_before)
         if stable:
             # The tangent, and its change over the last step.
-            bent = 0.5 * step * step / last_step if last_step > 0.0 else 0.0
+            half_bend = 0.5 * step * step / last_step if last_step > 0.0 else 0.0
             for i in range(n):
-                theta[i] += step * way[i] + bent * (way[i] - way_last[i])
+                theta[i] += step * tangent[i] + half_bend * (tangent[i] - tangent_last[i])
         for i in range(n):
             carried[i, 0], carried[i, 1] = target * load.carried[i, 0], target * load.carried[i, 1]
-        part = Load(target * load.fx, target * load.fy, target * load.m, carried)
+        part_load = Load(target * load.fx, target * load.fy, target * load.m, carried)
         tolerance = TOLERANCE if target == 1.0 else _PATH_TOLERANCE
-        outcome = relax_in(theta, rod, part, tolerance, work)
+        outcome = relax_in(theta, rod, part_load, tolerance, work)
         iterations += outcome.iterations
         was_stable, stable = stable, outcome.stable
         if stable:
-            _tangent(rod, load, work, way)
-        miss = moved = 0.0
+            _tangent(rod, load, work, tangent)
+        mismatch = largest_change = 0.0
         for i in range(n):
-            moved = max(moved, abs(theta[i] - before[i]))
-            miss = max(miss, abs(theta[i] - before[i] - 0.5 * step * (way[i] + way_before[i])))
-        if stable and was_stable and outcome.converged and miss <= _MAX_MISMATCH_RAD:
+            largest_change = max(largest_change, abs(theta[i] - theta_before[i]))
+            mismatch = max(mismatch, abs(theta[i] - theta_before[i] - 0.5 * step * (tangent[i] + tangent_before[i])))
+        if stable and was_stable and outcome.converged and mismatch <= _MAX_MISMATCH_RAD:  # the step is accepted
             share, last_step = target, step
-            _copy(way_before, way_last)
-            if miss < 0.125 * _MAX_MISMATCH_RAD:
+            _copy(tangent_before, tangent_last)
+            if mismatch < 0.125 * _MAX_MISMATCH_RAD:
                 step *= 2.0
         elif not was_stable or step < 1.5 * _MIN_LOAD_STEP:
             # After the end of a stable part there is no tangent: the branch is followed if the shape does not move.
-            followed = followed and outcome.converged and moved <= _MAX_MISMATCH_RAD
+            followed = followed and outcome.converged and largest_change <= _MAX_MISMATCH_RAD
             share, step, last_step = target, _RESTART_STEP, 0.0
-        else:
-            _copy(before, theta)
-            _copy(way_before, way)
+        else:  # the step is tried again, shorter
+            _copy(theta_before, theta)
+            _copy(tangent_before, tangent)
             stable = True
             step = max(0.3 * step, _MIN_LOAD_STEP)
     whole = Solution(iterations, outcome.converged, outcome.stable, outcome.energy, outcome.residual)

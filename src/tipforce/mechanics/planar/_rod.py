@@ -40,6 +40,7 @@ class PlanarRod:
     segments: int = 50
 
     def __post_init__(self) -> None:
+        """Checks the values; arrays become read-only copies."""
         if not (self.flexible_length_m > 0 and self.bending_stiffness_nm2 > 0 and self.rigid_length_m >= 0):
             raise ValueError(f"a rod needs positive lengths and stiffness, got {self}")
         if self.segments < 4:

@@ -68,22 +68,23 @@ def cosine_and_sine(angle: float) -> tuple[float, float]:
 
     Minimax coefficients on a quarter turn are those of fdlibm (Sun Microsystems 1993).
     """
+    # The angle is a whole number of quarter turns and a remainder r; both series are polynomials of z = r^2.
     quarter = floor(fma(angle, 2.0 / math.pi, 0.5))
     r = fma(quarter, -_HALF_PI_LOW, fma(quarter, -_HALF_PI_HIGH, angle))
     z = r * r
-    tail = fma(z, 1.58969099521155010221e-10, -2.50507602534068634195e-08)
-    tail = fma(z, tail, 2.75573137070700676789e-06)
-    tail = fma(z, tail, -1.98412698298579493134e-04)
-    tail = fma(z, tail, 8.33333333332248946124e-03)
-    s = fma(r * z, fma(z, tail, -1.66666666666666324348e-01), r)
-    tail = fma(z, -1.13596475577881948265e-11, 2.08757232129817482790e-09)
-    tail = fma(z, tail, -2.75573143513906633035e-07)
-    tail = fma(z, tail, 2.48015872894767294178e-05)
-    tail = fma(z, tail, -1.38888888888741095749e-03)
-    c = 1.0 - (0.5 * z - z * z * fma(z, tail, 4.16666666666666019037e-02))
+    series = fma(z, 1.58969099521155010221e-10, -2.50507602534068634195e-08)
+    series = fma(z, series, 2.75573137070700676789e-06)
+    series = fma(z, series, -1.98412698298579493134e-04)
+    series = fma(z, series, 8.33333333332248946124e-03)
+    sine = fma(r * z, fma(z, series, -1.66666666666666324348e-01), r)
+    series = fma(z, -1.13596475577881948265e-11, 2.08757232129817482790e-09)
+    series = fma(z, series, -2.75573143513906633035e-07)
+    series = fma(z, series, 2.48015872894767294178e-05)
+    series = fma(z, series, -1.38888888888741095749e-03)
+    cosine = 1.0 - (0.5 * z - z * z * fma(z, series, 4.16666666666666019037e-02))
     # Of the four quarters the odd ones swap the two; the sine is negative in the last two, the cosine in the middle.
     below, above = floor(0.5 * quarter), floor(0.5 * (quarter + 1.0))
     odd = quarter - 2.0 * below
     sine_sign = 1.0 - 2.0 * (below - 2.0 * floor(0.5 * below))
     cosine_sign = 1.0 - 2.0 * (above - 2.0 * floor(0.5 * above))
-    return (s if odd > 0.0 else c) * cosine_sign, (c if odd > 0.0 else s) * sine_sign
+    return (sine if odd > 0.0 else cosine) * cosine_sign, (cosine if odd > 0.0 else sine) * sine_sign

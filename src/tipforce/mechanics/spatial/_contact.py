@@ -78,6 +78,7 @@ class SpatialWall:
     face_radius_m: float | None = None
 
     def __post_init__(self) -> None:
+        """Checks the values; the normal becomes a unit vector."""
         normal = np.array(frozen("normal", self.normal, (3,)))
         size = float(np.linalg.norm(normal))
         if not (size > 0 and math.isfinite(size)):
@@ -207,6 +208,7 @@ class SpatialContactSolver:
         creep: float = 0.0,
         creep_time_s: float = 1.0,
     ) -> None:
+        """Checks the values, and converts rod, load and wall to arguments of the compiled kernels."""
         if not (dt_s > 0 and creep >= 0 and creep_time_s > 0):
             raise ValueError(
                 f"expected positive dt_s and creep_time_s and no negative creep, got {dt_s}, {creep_time_s}, {creep}"

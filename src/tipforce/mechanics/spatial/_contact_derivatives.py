@@ -153,9 +153,9 @@ def orientations_along(rod: SpatialRod, lines_m: FloatArray) -> FloatArray:
         (m, segments + 1, 4) quaternions (w, x, y, z).
     """
     lengths = rod.element_lengths_m
-    place = np.concatenate([[0.0], np.cumsum(lengths)]) / rod.length_m * (lines_m.shape[1] - 1)
-    low = np.minimum(place.astype(np.int64), lines_m.shape[1] - 2)
-    share = (place - low)[:, None]
+    positions = np.concatenate([[0.0], np.cumsum(lengths)]) / rod.length_m * (lines_m.shape[1] - 1)
+    low = np.minimum(positions.astype(np.int64), lines_m.shape[1] - 2)
+    share = (positions - low)[:, None]
     nodes = lines_m[:, low] * (1 - share) + lines_m[:, low + 1] * share
     tangents = np.diff(nodes, axis=1)
     if rod.rigid_length_m == 0.0:
@@ -164,13 +164,13 @@ def orientations_along(rod: SpatialRod, lines_m: FloatArray) -> FloatArray:
     q = np.empty((len(lines_m), rod.segments + 1, 4))
     now, before = np.tile([1.0, 0.0, 0.0, 0.0], (len(lines_m), 1)), np.tile([1.0, 0.0, 0.0], (len(lines_m), 1))
     for i in range(rod.segments + 1):
-        after = tangents[:, i]
-        turn = np.column_stack([1.0 + np.sum(before * after, axis=1), np.cross(before, after)])
+        tangent = tangents[:, i]
+        turn = np.column_stack([1.0 + np.sum(before * tangent, axis=1), np.cross(before, tangent)])
         turn /= np.linalg.norm(turn, axis=1, keepdims=True)
         w, v = turn[:, :1], turn[:, 1:]
         scalar = w * now[:, :1] - np.sum(v * now[:, 1:], axis=1, keepdims=True)
         now = np.hstack([scalar, w * now[:, 1:] + now[:, :1] * v + np.cross(v, now[:, 1:])])
-        before = after
+        before = tangent
         q[:, i] = now
     return q
 
@@ -237,6 +237,7 @@ def _differ(q: FloatArray, other: Elastic, load: Load, here: FloatArray, work: W
 
 @compiled
 def _keep(q: FloatArray, rod: Elastic, load: Load, work: Work, here: FloatArray) -> None:
+    """Computes the energy's gradient into ``here`` (3k,)."""
     assemble(q, rod, load, NO_TOUCH, work)
     for r in range(here.shape[0]):
         here[r] = work.gradient[r]
@@ -331,21 +332,21 @@ def _walk(q: FloatArray, places: Places, spare: Spare, points: FloatArray, slope
         z0, z1, z2 = 2 * (a * c_ + w * b), 2 * (b * c_ - w * a), 1 - 2 * (a * a + b * b)
         stretch = 1.0 / places.flexible if i < q.shape[0] - 1 else 0.0
         while point < n and places.element[point] == i:
-            way = places.beyond[point]
-            points[point, 0], points[point, 1], points[point, 2] = x + way * t0, y + way * t1, z + way * t2
+            reach = places.beyond[point]
+            points[point, 0], points[point, 1], points[point, 2] = x + reach * t0, y + reach * t1, z + reach * t2
             for c in range(columns):
                 # an element's direction turns by w x (1, 0, 0) in its own frame
-                second, third = way * sides[c, 3 * i + 2], -way * sides[c, 3 * i + 1]
-                along = way * stretch if c == _LENGTH else 0.0
+                second, third = reach * sides[c, 3 * i + 2], -reach * sides[c, 3 * i + 1]
+                along = reach * stretch if c == _LENGTH else 0.0
                 slopes[point, 0, c] = moves[c, 0] + second * y0 + third * z0 + along * t0
                 slopes[point, 1, c] = moves[c, 1] + second * y1 + third * z1 + along * t1
                 slopes[point, 2, c] = moves[c, 2] + second * y2 + third * z2 + along * t2
             point += 1
-        way = places.lengths[i]
-        x, y, z = x + way * t0, y + way * t1, z + way * t2
+        reach = places.lengths[i]
+        x, y, z = x + reach * t0, y + reach * t1, z + reach * t2
         for c in range(columns):
-            second, third = way * sides[c, 3 * i + 2], -way * sides[c, 3 * i + 1]
-            along = way * stretch if c == _LENGTH else 0.0
+            second, third = reach * sides[c, 3 * i + 2], -reach * sides[c, 3 * i + 1]
+            along = reach * stretch if c == _LENGTH else 0.0
             moves[c, 0] += second * y0 + third * z0 + along * t0
             moves[c, 1] += second * y1 + third * z1 + along * t1
             moves[c, 2] += second * y2 + third * z2 + along * t2

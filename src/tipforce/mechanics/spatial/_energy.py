@@ -13,8 +13,6 @@ from ._state import Elastic, Load, Touch, Work
 
 _SERIES_SINE2 = 0.02
 """Below this squared sine of half the angle, series are used: they are exact to rounding there."""
-
-
 _MAX_GROWTH_DEPTHS = 6.0
 """From this many times the depth in which it grows by e, an exponential law continues as its tangent."""
 
@@ -282,6 +280,7 @@ def energy_at(q: FloatArray, rod: Elastic, load: Load, touch: Touch, tangent: Fl
     w0, x0, y0, z0 = 1.0, 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        # (c; a, b, d): quaternion of the turn in joint i; its rotation vector over the joint's length is the strain.
         c = w0 * w + x0 * x + y0 * y + z0 * z
         a = w0 * x - x0 * w - y0 * z + z0 * y
         b = w0 * y - y0 * w - z0 * x + x0 * z
@@ -304,7 +303,7 @@ def energy_at(q: FloatArray, rod: Elastic, load: Load, touch: Touch, tangent: Fl
         total += normal_force(touch, depth)[2]
         total += 0.5 * touch.kt * (first * first + second * second) - touch.drag[0] * first - touch.drag[1] * second
         if touch.side > 0.0:
-            height = touch.side_radius - touch.place
+            height = touch.side_radius - touch.place  # depth of each node of the shaft in the tissue
             for i in range(q.shape[0] - 1):
                 for axis in range(3):
                     height += rod.reach[i] * tangent[i, axis] * touch.axes[0, axis]
@@ -453,14 +452,18 @@ def _add_joints(q: FloatArray, rod: Elastic, gradient: FloatArray, band: FloatAr
 
 @compiled
 def _hold(touch: Touch, normal: float, slope: float, first: float, second: float, work: Work, m: int) -> None:
-    """Fills the stiffness of the tangential force into ``work.firm``, whose last two rows are t1 and t2."""
+    """Fills the stiffness of the tangential force into ``work.firm`` (m, m), whose last two rows are t1 and t2.
+
+    ``normal``: normal force in N, ``slope``: its slope in N/m; ``first``, ``second``: way along t1 and t2 in m. In slip
+    the force follows the normal force and keeps the direction of the way.
+    """
     firm, i, j = work.firm, m - 2, m - 1
     _, _, slips = tangential_force(touch, normal, first, second)
     if not slips:
         firm[i, i] = firm[j, j] = touch.kt
         return
-    way = math.hypot(first, second)
-    s1, s2, across = first / way, second / way, touch.friction * normal / way
+    way_m = math.hypot(first, second)
+    s1, s2, across = first / way_m, second / way_m, touch.friction * normal / way_m
     firm[i, 0], firm[j, 0] = touch.friction * slope * s1, touch.friction * slope * s2
     firm[i, i], firm[j, j] = across * s2 * s2, across * s1 * s1
     firm[i, j] = firm[j, i] = -across * s1 * s2
@@ -468,7 +471,10 @@ def _hold(touch: Touch, normal: float, slope: float, first: float, second: float
 
 @compiled
 def _add_arm(fx: float, fy: float, fz: float, arm: FloatArray, r: int, gradient: FloatArray, band: FloatArray) -> None:
-    """Adds a dead force, given in the electrode's frame, at ``arm`` from its lever's end."""
+    """Adds gradient and Hessian of a dead force (fx, fy, fz) in the electrode's frame, at ``arm`` (3,) from the lever.
+
+    ``r``: first row of the electrode in ``gradient`` (3k,) and ``band`` (3k, 6).
+    """
     a, b, c = arm[0], arm[1], arm[2]
     gradient[r] -= b * fz - c * fy
     gradient[r + 1] -= c * fx - a * fz
@@ -547,10 +553,7 @@ def assemble(q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) 
                 fx, fy, fz = fx - push * d0, fy - push * d1, fz - push * d2
             along = work.tangent[i, 0] * d0 + work.tangent[i, 1] * d1 + work.tangent[i, 2] * d2
             height -= reach * along
-        l0, l1, l2 = unturned(
-            w, x, y, z,
-            reach * fx + line[0], reach * fy + line[1], reach * fz + line[2],
-        )  # fmt: skip
+        l0, l1, l2 = unturned(w, x, y, z, reach * fx + line[0], reach * fy + line[1], reach * fz + line[2])
         gradient[r + 1] += l2
         gradient[r + 2] -= l1
         band[r, 1] -= 0.5 * l1

@@ -32,22 +32,23 @@ def face_axes(axes: FloatArray, radius: float, place: FloatArray, turned: FloatA
         first -= axes[1, k] * place[k]
         second -= axes[2, k] * place[k]
     deep, first, second = side * deep, side * first, side * second
-    aside = math.hypot(first, second)
-    lean = min(math.atan2(aside, deep), _MAX_LEAN_RAD)
-    first, second = (first / aside, second / aside) if aside > 0.0 else (1.0, 0.0)
-    c, s = math.cos(lean), math.sin(lean)
+    sideways = math.hypot(first, second)
+    lean_rad = min(math.atan2(sideways, deep), _MAX_LEAN_RAD)
+    first, second = (first / sideways, second / sideways) if sideways > 0.0 else (1.0, 0.0)
+    c, s = math.cos(lean_rad), math.sin(lean_rad)
     for k in range(3):
-        out = first * axes[1, k] + second * axes[2, k]
-        round_ = second * axes[1, k] - first * axes[2, k]
-        turned[0, k] = c * axes[0, k] + s * out
-        bent = c * out - s * axes[0, k]
-        turned[1, k] = first * bent + second * round_
-        turned[2, k] = second * bent - first * round_
+        outward = first * axes[1, k] + second * axes[2, k]
+        around = second * axes[1, k] - first * axes[2, k]
+        turned[0, k] = c * axes[0, k] + s * outward
+        outward_turned = c * outward - s * axes[0, k]
+        turned[1, k] = first * outward_turned + second * around
+        turned[2, k] = second * outward_turned - first * around
     return radius * (c - 1.0)
 
 
 @compiled
 def _normals(axes: FloatArray, radius: float, places: FloatArray, normals: FloatArray) -> None:
+    """Writes ``normals`` (m, 3) at ``places`` (m, 3), see `face_normals`."""
     turned = np.empty((3, 3))
     for row in range(places.shape[0]):
         face_axes(axes, radius, places[row], turned)
@@ -87,5 +88,5 @@ def face_depths(radius_m: float, aside_m: FloatArray) -> FloatArray:
     size = abs(radius_m)
     edge = size * math.sin(_MAX_LEAN_RAD)
     aside = np.abs(aside_m)
-    ball = size - np.sqrt(size * size - np.minimum(aside, edge) ** 2)
+    ball = size - np.sqrt(size * size - np.minimum(aside, edge) ** 2)  # beyond the edge the face is a cone
     return math.copysign(1.0, radius_m) * (ball + np.maximum(aside - edge, 0.0) * math.tan(_MAX_LEAN_RAD))

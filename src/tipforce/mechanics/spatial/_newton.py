@@ -50,6 +50,7 @@ def factorise(band: FloatArray, shift: float, skew: FloatArray, tail: FloatArray
                 band[r + i, j - i] -= factor * band[r, j]
         for i in range(1, reach):
             band[r, i] *= inverse
+    # The last block: the signs of its pivots, then its inverse with the unsymmetric part, from the cofactors.
     a, b, c = band[body, 0] + shift, band[body, 1], band[body, 2]
     d, e, f = band[body + 1, 0] + shift, band[body + 1, 1], band[body + 2, 0] + shift
     second = d - b * b / a
@@ -87,7 +88,7 @@ def solve(band: FloatArray, tail: FloatArray, rhs: FloatArray) -> None:
     """
     size = band.shape[0]
     body = size - 3
-    for r in range(body):
+    for r in range(body):  # forward substitution, the last block, backward substitution
         value = rhs[r]
         for i in range(1, min(WIDTH, size - r)):
             rhs[r + i] -= band[r, i] * value
@@ -177,7 +178,7 @@ def newton_step(work: Work, m: int, loose: int, shift: float) -> int:
             band[r, i] = hessian[r, i]
         work.step[r] = -work.gradient[r]
     negative = factorise(band, shift, work.skew, work.tail)
-    for i in range(m):
+    for i in range(m):  # T^-1 B'
         for r in range(band.shape[0]):
             work.solved[i, r] = work.rows[i, r]
         solve(band, work.tail, work.solved[i])
@@ -186,15 +187,15 @@ def newton_step(work: Work, m: int, loose: int, shift: float) -> int:
             dot = 0.0
             for r in range(band.shape[0]):
                 dot += work.rows[i, r] * work.solved[j, r]
-            work.compliance[i, j] = dot
-    for i in range(m):
+            work.compliance[i, j] = dot  # B T^-1 B'
+    for i in range(m):  # I + K B T^-1 B'
         for j in range(m):
             value = 1.0 if i == j else 0.0
             for k in range(m):
                 if work.firm[i, k] != 0.0:
                     value += work.firm[i, k] * work.compliance[k, j]
             small[i, j] = value
-    for k in range(m):
+    for k in range(m):  # its LU factors in place; negative pivots are counted
         if not small[k, k] > 0.0 and k < m - loose:
             negative -= 1
         if small[k, k] == 0.0:
@@ -222,7 +223,7 @@ def turn(q: FloatArray, step: FloatArray, scale: float, out: FloatArray) -> None
     for i in range(q.shape[0]):
         a, b, c = half * step[3 * i], half * step[3 * i + 1], half * step[3 * i + 2]
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
-        nw, nx = w - a * x - b * y - c * z, x + a * w + c * y - b * z
+        nw, nx = w - a * x - b * y - c * z, x + a * w + c * y - b * z  # the product q (1, a, b, c)
         ny, nz = y + b * w + a * z - c * x, z + c * w + b * x - a * y
         size = 1.0 / math.sqrt(nw * nw + nx * nx + ny * ny + nz * nz)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = nw * size, nx * size, ny * size, nz * size
@@ -252,7 +253,7 @@ def longest_turn(step: FloatArray) -> float:
 
 @compiled
 def _twist_work(q: FloatArray, step: FloatArray, scale: float, moment: FloatArray) -> float:
-    """Returns the work of a dead moment along the last element's turn, whose axis is constant during one step."""
+    """Returns the work in J of a dead ``moment`` (3,) along the last element's turn, whose axis is fixed in a step."""
     last, r = q.shape[0] - 1, step.shape[0] - 3
     m0, m1, m2 = unturned(q[last, 0], q[last, 1], q[last, 2], q[last, 3], moment[0], moment[1], moment[2])
     size = scale * math.sqrt(step[r] ** 2 + step[r + 1] ** 2 + step[r + 2] ** 2)
@@ -265,7 +266,10 @@ def _twist_work(q: FloatArray, step: FloatArray, scale: float, moment: FloatArra
 def _follow_residual(
     q: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work, residual: float
 ) -> tuple[bool, float, int, int]:
-    """Makes a step that reduces the residual, for forces without energy: slip, and a dead moment past its minimum."""
+    """Makes a step of ``work.step`` that reduces the residual, for forces without energy (slip, dead moments).
+
+    Returns whether one of six halved steps did, then the residual in N m and the numbers of rows of `assemble`.
+    """
     scale = min(1.0, _MAX_TURN_RAD / longest_turn(work.step))
     for _ in range(6):
         turn(q, work.step, scale, work.trial)
@@ -362,30 +366,34 @@ _UNLOADED, _FALLEN = int(Branch.UNLOADED), int(Branch.FALLEN)
 
 @compiled
 def _mismatch(old: FloatArray, q: FloatArray, step: float, before: FloatArray, after: FloatArray) -> float:
-    """Returns the largest difference of the turns ``old`` to ``q`` from ``step`` times the mean of both tangents."""
-    worst = 0.0
+    """Returns the largest difference in rad of the turns from ``old`` to ``q`` (k, 4) from the predicted ones.
+
+    Predicted is ``step``, a share of the load, times the mean of the tangents ``before`` and ``after`` (3k,).
+    """
+    largest_square = 0.0
     for i in range(q.shape[0]):
         w0, x0, y0, z0 = old[i, 0], old[i, 1], old[i, 2], old[i, 3]
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
-        twice = 2.0 if w0 * w + x0 * x + y0 * y + z0 * z > 0.0 else -2.0
-        a = twice * (w0 * x - x0 * w - y0 * z + z0 * y)
-        b = twice * (w0 * y - y0 * w - z0 * x + x0 * z)
-        c = twice * (w0 * z - z0 * w - x0 * y + y0 * x)
-        half, r = 0.5 * step, 3 * i
-        a -= half * (before[r] + after[r])
-        b -= half * (before[r + 1] + after[r + 1])
-        c -= half * (before[r + 2] + after[r + 2])
-        worst = max(worst, a * a + b * b + c * c)
-    return np.sqrt(worst)
+        two_signed = 2.0 if w0 * w + x0 * x + y0 * y + z0 * z > 0.0 else -2.0
+        # Twice the vector part of the relative quaternion: the turn in rad, to second order.
+        a = two_signed * (w0 * x - x0 * w - y0 * z + z0 * y)
+        b = two_signed * (w0 * y - y0 * w - z0 * x + x0 * z)
+        c = two_signed * (w0 * z - z0 * w - x0 * y + y0 * x)
+        half, row = 0.5 * step, 3 * i
+        a -= half * (before[row] + after[row])
+        b -= half * (before[row + 1] + after[row + 1])
+        c -= half * (before[row + 2] + after[row + 2])
+        largest_square = max(largest_square, a * a + b * b + c * c)
+    return np.sqrt(largest_square)
 
 
 @compiled
-def _tangent(q: FloatArray, rod: Elastic, load: Load, work: Work, way: FloatArray) -> None:
-    """Computes the turns per share of the load, from the factors of `relax`."""
-    for r in range(way.shape[0]):
-        way[r] = 0.0
-    add_pull(q, rod, load, way)
-    solve_factorised(work, 0, way)
+def _tangent(q: FloatArray, rod: Elastic, load: Load, work: Work, tangent: FloatArray) -> None:
+    """Computes ``tangent`` (3k,), the turns in rad for each unit of the share of ``load``; uses factors of `relax`."""
+    for r in range(tangent.shape[0]):
+        tangent[r] = 0.0
+    add_pull(q, rod, load, tangent)
+    solve_factorised(work, 0, tangent)
 
 
 @compiled
@@ -408,28 +416,28 @@ def raise_load(
     Returns:
         The result, and the `Branch`.
     """
-    saved, now = np.empty_like(q), Load(np.zeros(3), np.zeros(3), np.zeros_like(load.line))
-    before, after = np.empty(3 * q.shape[0]), np.empty(3 * q.shape[0])
+    saved, part_load = np.empty_like(q), Load(np.zeros(3), np.zeros(3), np.zeros_like(load.line))
+    tangent_before, tangent_after = np.empty(3 * q.shape[0]), np.empty(3 * q.shape[0])
     turned = load.moment[0] != 0.0 or load.moment[1] != 0.0 or load.moment[2] != 0.0
-    out = relax(q, rod, now, touch, work, tolerance)
-    _tangent(q, rod, load, work, before)
+    out = relax(q, rod, part_load, touch, work, tolerance)
+    _tangent(q, rod, load, work, tangent_before)
     share, step, steps, branch, was_stable = 0.0, 1.0, out.iterations, _UNLOADED, out.stable
     while share < 1.0:
-        step = min(step, 1.0 - share, _MAX_TANGENT_STEP_RAD / (longest_turn(before) + 1e-300))
+        step = min(step, 1.0 - share, _MAX_TANGENT_STEP_RAD / (longest_turn(tangent_before) + 1e-300))
         last = share + step >= 1.0 - 1e-12
         target = 1.0 if last else share + step
         for k in range(3):
-            now.force[k], now.moment[k] = target * load.force[k], target * load.moment[k]
+            part_load.force[k], part_load.moment[k] = target * load.force[k], target * load.moment[k]
         for i in range(q.shape[0]):
             for k in range(3):
-                now.line[i, k] = target * load.line[i, k]
+                part_load.line[i, k] = target * load.line[i, k]
         copy_turns(q, saved)
-        turn(saved, before, step, q)
-        out = relax(q, rod, now, touch, work, tolerance if last else _PATH_TOLERANCE)
+        turn(saved, tangent_before, step, q)
+        out = relax(q, rod, part_load, touch, work, tolerance if last else _PATH_TOLERANCE)
         steps += out.iterations
-        _tangent(q, rod, load, work, after)
-        miss = _mismatch(saved, q, step, before, after)
-        followed = out.converged and miss <= _MAX_MISMATCH_RAD
+        _tangent(q, rod, load, work, tangent_after)
+        mismatch = _mismatch(saved, q, step, tangent_before, tangent_after)
+        followed = out.converged and mismatch <= _MAX_MISMATCH_RAD
         if (not followed or (was_stable and not out.stable and not turned)) and step > _MIN_LOAD_STEP:
             copy_turns(saved, q)
             step *= 0.4
@@ -438,8 +446,8 @@ def raise_load(
             branch = _FALLEN
         if step <= _MIN_LOAD_STEP:
             step = _RESTART_STEP
-        elif miss < 0.125 * _MAX_MISMATCH_RAD:
+        elif mismatch < 0.125 * _MAX_MISMATCH_RAD:
             step *= 2.0
         share, was_stable = target, out.stable
-        before, after = after, before
+        tangent_before, tangent_after = tangent_after, tangent_before
     return Solution(steps, out.converged, out.stable, out.residual), branch

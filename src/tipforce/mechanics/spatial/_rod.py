@@ -88,6 +88,7 @@ class SpatialRod:
     segments: int = 50
 
     def __post_init__(self) -> None:
+        """Checks the values; pre-curvature and profile become read-only arrays with one row for each joint."""
         gj = self.gj_nm2
         if not (self.flexible_length_m > 0 and self.bending_stiffness_nm2 > 0 and gj > 0 and self.rigid_length_m >= 0):
             raise ValueError(

@@ -54,7 +54,7 @@ def _fill_elastic(parameters: FloatArray, nominal: Elastic, out: Elastic) -> Ela
     longer, stiffer = 1.0 + parameters[_LENGTH], 1.0 + parameters[_STIFFNESS]
     for i in range(count):
         factor = stiffer
-        if 3 * i < count:
+        if 3 * i < count:  # the third next to the clamp
             factor *= 1.0 + parameters[_PROXIMAL]
         out.span[i] = longer * nominal.span[i]
         out.ei[i] = factor * nominal.ei[i]
@@ -84,8 +84,9 @@ def _add_gradient_slopes(
 ) -> None:
     """Computes minus the derivatives (9, 3k) of the energy's gradient by each parameter into ``slopes``.
 
-    ``rod``: the rod with ``parameters``; ``spare``: arrays for another one; ``moved`` (9,), ``rest`` (3k,): buffers.
-    ``work.gradient`` and ``work.hessian`` are overwritten.
+    They are exact for the force and the stiffness, and differences for the others. ``rod``: the rod with
+    ``parameters``; ``spare``: arrays for another one; ``moved`` (9,), ``rest`` (3k,): buffers. ``work.gradient`` and
+    ``work.hessian`` are overwritten.
     """
     size = slopes.shape[1]
     unit = Load(np.zeros(3), np.zeros(3), load.line)
@@ -115,7 +116,10 @@ def _add_gradient_slopes(
 
 @compiled
 def _nodes(q: FloatArray, reach: FloatArray, longer: float, rigid_m: float, nodes: FloatArray) -> None:
-    """Computes the nodes (k + 1, 3): clamp, ends of the segments, tip."""
+    """Computes ``nodes`` (k + 1, 3) in m from the orientations ``q`` (k, 4): clamp, ends of the segments, tip.
+
+    ``reach`` (k,): lengths of the nominal elements, ``longer`` times which are the true ones; ``rigid_m``: electrode.
+    """
     last = q.shape[0] - 1
     for axis in range(3):
         nodes[0, axis] = 0.0
@@ -131,7 +135,10 @@ def _nodes(q: FloatArray, reach: FloatArray, longer: float, rigid_m: float, node
 def _add_node_slopes(
     q: FloatArray, reach: FloatArray, longer: float, rigid_m: float, turns: FloatArray, slopes: FloatArray
 ) -> None:
-    """Computes the derivatives (k + 1, 3, 9) of the nodes from those of the turns (9, 3k)."""
+    """Computes ``slopes`` (k + 1, 3, 9) of the nodes by the parameters from ``turns`` (9, 3k), those of the elements.
+
+    An element of length l that turns by w, in its own frame, moves its end by l w x (1, 0, 0). See `_nodes`.
+    """
     last = q.shape[0] - 1
     for k in range(_COUNT):
         for axis in range(3):
@@ -139,10 +146,10 @@ def _add_node_slopes(
         for i in range(last + 1):
             w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
             size = longer * reach[i] if i < last else rigid_m
-            b, c = size * turns[k, 3 * i + 2], -size * turns[k, 3 * i + 1]
-            dx = b * 2.0 * (x * y - w * z) + c * 2.0 * (x * z + w * y)
-            dy = b * (1.0 - 2.0 * (x * x + z * z)) + c * 2.0 * (y * z - w * x)
-            dz = b * 2.0 * (y * z + w * x) + c * (1.0 - 2.0 * (x * x + y * y))
+            along_y, along_z = size * turns[k, 3 * i + 2], -size * turns[k, 3 * i + 1]
+            dx = along_y * 2.0 * (x * y - w * z) + along_z * 2.0 * (x * z + w * y)
+            dy = along_y * (1.0 - 2.0 * (x * x + z * z)) + along_z * 2.0 * (y * z - w * x)
+            dz = along_y * 2.0 * (y * z + w * x) + along_z * (1.0 - 2.0 * (x * x + y * y))
             if k == _LENGTH and i < last:
                 dx += reach[i] * (1.0 - 2.0 * (y * y + z * z))
                 dy += reach[i] * 2.0 * (x * y + w * z)
@@ -167,24 +174,28 @@ def _solve_shapes(
     slopes: FloatArray,
     stable: BoolArray,
 ) -> None:
-    """See `SpatialShapes.solve`."""
+    """Solves all shapes and their derivatives; for most arguments and the results see `SpatialShapes.solve`.
+
+    ``nominal``: values of the nominal rod; ``changed``, ``spare``: arrays for the values of other rods; ``touch``: no
+    wall; ``rigid_m``: length of the electrode; ``work``: buffers of Newton's method.
+    """
     load = Load(np.zeros(3), np.zeros(3), np.zeros((nominal.span.size, 3)))
     moved, rest = np.zeros(_COUNT), np.zeros(3 * nominal.span.size)
     turns = np.zeros((_COUNT, 3 * nominal.span.size))
     for p in range(parameters.shape[0]):
-        here, q = parameters[p], quaternions[p]
+        own, q = parameters[p], quaternions[p]
         if parents[p] >= 0:
             copy_turns(quaternions[parents[p]], q)
         for j in range(3):
-            load.force[j] = here[j]
-        rod = _fill_elastic(here, nominal, changed)
+            load.force[j] = own[j]
+        rod = _fill_elastic(own, nominal, changed)
         out = relax(q, rod, load, touch, work, _TOLERANCE)
         stable[p] = out.converged and out.stable
-        longer = 1.0 + here[_LENGTH]
+        longer = 1.0 + own[_LENGTH]
         _nodes(q, nominal.reach, longer, rigid_m, nodes[p])
         if not stable[p]:
             continue
-        _add_gradient_slopes(q, here, nominal, rod, load, touch, work, spare, moved, rest, turns)
+        _add_gradient_slopes(q, own, nominal, rod, load, touch, work, spare, moved, rest, turns)
         for k in range(_COUNT):
             solve(work.band, work.tail, turns[k])
         _add_node_slopes(q, nominal.reach, longer, rigid_m, turns, slopes[p])
@@ -217,11 +228,12 @@ class SpatialShapes:
         Returns:
             (count,) False where a length or stiffness is not positive, or a curvature is beyond the stiffening law.
         """
-        bend = np.hypot(parameters[:, _CURVATURE], parameters[:, _CURVATURE + 1])
-        span = self.rod.flexible_length_m / self.rod.segments
-        possible = (parameters[:, _STIFFNESS : _LENGTH + 1] > -0.9).all(axis=1) & (bend * span < _MOST_BEND_RAD)
+        # Lengths and stiffnesses above 10 % of the nominal ones; the limit 3: see `SpatialRod.check_stiffening`.
+        curvature = np.hypot(parameters[:, _CURVATURE], parameters[:, _CURVATURE + 1])
+        joint_m = self.rod.flexible_length_m / self.rod.segments
+        possible = (parameters[:, _STIFFNESS : _LENGTH + 1] > -0.9).all(axis=1) & (curvature * joint_m < _MOST_BEND_RAD)
         stiffening = parameters[:, _STIFFENING]
-        return possible & np.isfinite(parameters).all(axis=1) & (stiffening >= 0.0) & (bend**2 * stiffening < 3.0)
+        return possible & np.isfinite(parameters).all(axis=1) & (stiffening >= 0.0) & (curvature**2 * stiffening < 3.0)
 
     def solve(
         self, parameters: FloatArray, quaternions: FloatArray, parents: IntArray | None = None

@@ -153,15 +153,15 @@ def line_of(rod: SpatialRod, distributed_n_per_m: FloatArray | None) -> FloatArr
     Raises:
         ValueError: it has another shape, or is not finite.
     """
-    whole = (rod.segments + 1, 3)
+    shape = (rod.segments + 1, 3)
     if distributed_n_per_m is None:
-        return np.zeros(whole)
-    if np.shape(distributed_n_per_m) not in ((3,), whole) or not np.isfinite(distributed_n_per_m).all():
-        raise ValueError(f"distributed_n_per_m: expected finite numbers (3,) or {whole}, got {distributed_n_per_m}")
+        return np.zeros(shape)
+    if np.shape(distributed_n_per_m) not in ((3,), shape) or not np.isfinite(distributed_n_per_m).all():
+        raise ValueError(f"distributed_n_per_m: expected finite numbers (3,) or {shape}, got {distributed_n_per_m}")
     lengths = rod.element_lengths_m[:, None]
-    weight = np.broadcast_to(distributed_n_per_m, whole) * lengths
-    beyond = np.cumsum(weight[::-1], axis=0)[::-1] - weight
-    return lengths * (beyond + 0.5 * weight)
+    load_n = np.broadcast_to(distributed_n_per_m, shape) * lengths
+    beyond = np.cumsum(load_n[::-1], axis=0)[::-1] - load_n  # load on all elements after this one
+    return lengths * (beyond + 0.5 * load_n)  # an element's own load acts at its middle
 
 
 def make_work(elements: int, contacts: int) -> Work:

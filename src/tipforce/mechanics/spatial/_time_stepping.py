@@ -139,7 +139,10 @@ def make_history(start: FloatArray) -> History:
 
 @compiled
 def _resting_indentation(law: WallLaw, rate: float, indentation: float) -> float:
-    """Returns the indentation at the end of this instant if there were no contact, by implicit Euler."""
+    """Returns the indentation in m at the end of this instant without contact: the tissue recovers, by implicit Euler.
+
+    The spring force of ``law`` at the new depth balances the damper: force + ``rate`` (depth - ``indentation``) = 0.
+    """
     if rate == 0.0 or indentation <= 0.0:
         return 0.0
     if law.hertz == 0.0 and law.growth == 0.0:
@@ -191,7 +194,7 @@ def _extrapolate(q: FloatArray, before: FloatArray) -> None:
 
 @compiled
 def _strain(q: FloatArray, rod: Elastic, i: int) -> tuple[float, float, float]:
-    """Returns the strain in joint i."""
+    """Returns the strain (3) in joint ``i`` in 1/m (twist, curvature about y and z) from the orientations ``q``."""
     w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
     w0, x0, y0, z0 = 1.0, 0.0, 0.0, 0.0
     if i > 0:
@@ -232,7 +235,7 @@ def _with_tie(touch: Touch, kt: float) -> Touch:
 
 @compiled
 def _solve_instant(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, touch: Touch, work: Work) -> Solution:
-    """Solves the equilibrium on the wall.
+    """Solves the equilibrium on the wall; ``q`` (k, 4): start, then result; ``saved`` (k, 4): buffer.
 
     On a rough wall Newton's method with stick and slip usually converges directly. If it fails, for instance when the
     rod snaps, the energy is minimised: first with the tip tied, then with the slipping force as a constant load, and
@@ -262,7 +265,7 @@ def _solve_instant(q: FloatArray, saved: FloatArray, rod: Elastic, load: Load, t
 
 @compiled
 def _base_moment(q: FloatArray, rod: Elastic) -> tuple[float, float, float]:
-    """Returns the moment in the first joint, base frame: the loads' moment about the clamp."""
+    """Returns the moment (3) in the first joint in N m, base frame: the loads' moment about the clamp."""
     p0, p1, p2 = _strain(q, rod, 0)
     rest = (rod.rest[0, 0], rod.rest[0, 1], rod.rest[0, 2])
     memory = (rod.memory[0, 0], rod.memory[0, 1], rod.memory[0, 2])
@@ -283,7 +286,7 @@ def _base_moment(q: FloatArray, rod: Elastic) -> tuple[float, float, float]:
 
 @compiled
 def _side_force(rod: Elastic, touch: Touch, tangent: FloatArray) -> float:
-    """Returns the total force of the shaft's nodes on the wall, along d."""
+    """Returns the total force in N of the shaft's nodes on the wall along d; ``tangent`` (k, 3): element directions."""
     height, total = touch.radius - touch.place, 0.0
     for i in range(tangent.shape[0] - 1):
         for k in range(3):
@@ -321,7 +324,7 @@ def integrate(
         Number of steps of Newton's method.
     """
     q, axes = history.q, law.axes.copy()
-    saved, zero, arm, was, drag = np.empty_like(q), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(2)
+    saved, zero, arm, vector, drag = np.empty_like(q), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(2)
     rate = law.damping / law.dt_s
     steps = 0
     for row in range(wall.shape[0]):
@@ -329,9 +332,9 @@ def integrate(
             for k in range(3):
                 rod.rest[i, k] = law.base_rest[i, k] + change[row, k]
         if not history.begun[0]:  # the rod has been without contact for a long time
-            slack = Elastic(rod.span, rod.ei, rod.gj, rod.rest, rod.soft, rod.reach, rod.memory, 0.0, rod.small)
-            nowhere = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0, 0.0)
-            relax(q, slack, load, nowhere, work, TOLERANCE)
+            without_creep = Elastic(rod.span, rod.ei, rod.gj, rod.rest, rod.soft, rod.reach, rod.memory, 0.0, rod.small)
+            no_wall = Touch(False, axes, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zero, arm, drag, -1.0, 0.0, 0.0, 0.0)
+            relax(q, without_creep, load, no_wall, work, TOLERANCE)
             creep_on(q, rod, math.inf)
             copy_turns(q, history.before)
             px, py, pz = tip_at(q, rod, work.tangent)
@@ -347,19 +350,21 @@ def integrate(
         bulge = 0.0
         if law.face_radius != 0.0:  # the face's tangent plane at the expected position of the dome
             px, py, pz = tip_at(q, rod, work.tangent)
-            was[0], was[1], was[2] = px + advance[row] - wall[row, 0], py - wall[row, 1], pz - wall[row, 2]
-            bulge = face_axes(law.axes, law.face_radius, was, axes)
+            vector[0], vector[1] = px + advance[row] - wall[row, 0], py - wall[row, 1]
+            vector[2] = pz - wall[row, 2]
+            bulge = face_axes(law.axes, law.face_radius, vector, axes)
         arm[0], arm[1], arm[2] = unturned(q[-1, 0], q[-1, 1], q[-1, 2], q[-1, 3], axes[0, 0], axes[0, 1], axes[0, 2])
+        # Position of the surface along d; then the end of the tie: the point to which the tip sticks, as it has moved.
         place = bulge - axes[0, 0] * advance[row]
         for k in range(3):
             arm[k] *= law.radius
         last = history.before[-1]
-        was[0], was[1], was[2] = unturned(last[0], -last[1], -last[2], -last[3], arm[0], arm[1], arm[2])
+        vector[0], vector[1], vector[2] = unturned(last[0], -last[1], -last[2], -last[3], arm[0], arm[1], arm[2])
         for k in range(2):
             zero[k] = history.anchor[k] - history.way[k] - axes[k + 1, 0] * advance[row]
         for k in range(3):
             place += axes[0, k] * wall[row, k]
-            shift = history.centre[k] + was[k] + wall[row, k] - history.wall[k]
+            shift = history.centre[k] + vector[k] + wall[row, k] - history.wall[k]
             zero[0] += axes[1, k] * shift
             zero[1] += axes[2, k] * shift
         rest = _resting_indentation(law, rate, indentation)
@@ -377,7 +382,7 @@ def integrate(
         t1, t2, slips = tangential_force(touch, normal, first, second)
         slipping = slips and normal > 0.0
         history.way[0], history.way[1] = history.anchor[0] + first, history.anchor[1] + second
-        if slipping:
+        if slipping:  # the anchor follows, so that the tie has the force of friction
             history.anchor[0] = history.way[0] + t1 / law.kt
             history.anchor[1] = history.way[1] + t2 / law.kt
         history.centre[0], history.centre[1], history.centre[2] = px + advance[row], py, pz

@@ -72,8 +72,9 @@ def sample_exposure(shapes: FloatArray, count: int) -> FloatArray:
     m = shapes.shape[0]
     if m == 1:
         return shapes if count == 1 else shapes.repeat(count, axis=0)
-    spread = 0.0 if count == 1 else 1.0 / math.sqrt(count**2 - 1)
-    at = (0.5 + (np.arange(count) - 0.5 * (count - 1)) * spread) * (m - 1)
-    low = np.minimum(at.astype(int), m - 2)
-    share = (at - low)[:, None, None]
+    # Instants of this spacing, in exposures, have the variance 1/12 of a whole exposure.
+    spacing = 0.0 if count == 1 else 1.0 / math.sqrt(count**2 - 1)
+    position = (0.5 + (np.arange(count) - 0.5 * (count - 1)) * spacing) * (m - 1)
+    low = np.minimum(position.astype(int), m - 2)
+    share = (position - low)[:, None, None]
     return shapes[low] * (1.0 - share) + shapes[low + 1] * share

@@ -78,7 +78,7 @@ class BenchModel:
 
 
 def _tip_of(rod: SpatialRod, curvature_per_m: float, radius_m: float) -> tuple[FloatArray, FloatArray]:
-    """Returns the centre of the dome and the direction of the electrode, of the rod without load."""
+    """Returns the centre (3,) of the dome in m and the direction (3,) of the electrode, without load; base frame."""
     strain = np.asarray(rod.precurvature_per_m) + np.array([0.0, 0.0, curvature_per_m])
     nodes = rod.nodes_m(replace(rod, precurvature_per_m=strain).unloaded_quaternions)
     axis = nodes[-1] - nodes[-2]
@@ -90,18 +90,21 @@ def _profile(shaft: ShaftSettings, joints: FloatArray) -> FloatArray:
     """Returns the factors on EI at ``joints`` (k,), given as shares of the flexible length."""
     profile = np.where(joints < 1 / 3, 1.0 + shaft.proximal_stiffer, 1.0)
     if shaft.stiffness_knots:
-        places, factors = np.transpose(shaft.stiffness_knots)
-        profile = profile * np.interp(joints, places, factors)
+        knots, factors = np.transpose(shaft.stiffness_knots)
+        profile = profile * np.interp(joints, knots, factors)
     return profile
 
 
 def _rest(shaft: ShaftSettings, out_of_plane_per_m: float, joints: FloatArray) -> FloatArray:
-    """Returns the strain (k, 3) without load and with the knob at 0 at ``joints`` (k,), shares of the length."""
+    """Returns the strain (k, 3) without load and with the knob at 0 at ``joints`` (k,), shares of the flexible length.
+
+    Its components in 1/m: twist (0), bending out of the knob's plane, bending in that plane.
+    """
     rest = np.zeros((len(joints), 3))
     rest[:, 1] = out_of_plane_per_m
     if shaft.rest_curvature_per_m:
-        places = np.linspace(0.0, 1.0, len(shaft.rest_curvature_per_m))
-        rest[:, 2] = np.interp(joints, places, shaft.rest_curvature_per_m)
+        knots = np.linspace(0.0, 1.0, len(shaft.rest_curvature_per_m))
+        rest[:, 2] = np.interp(joints, knots, shaft.rest_curvature_per_m)
     return rest
 
 
@@ -124,36 +127,38 @@ def build_bench_model(
     shaft, device = settings.shaft, parameters.device
     segments = max(20, round(device.flexible_length_m / segment_m))
     joints = np.linspace(0.0, 1.0, segments + 1)
-    relaxed = device.stiffness_nm2 / (1.0 + shaft.creep_share)  # the drawn EI is the instantaneous one
+    relaxed_nm2 = device.stiffness_nm2 / (1.0 + shaft.creep_share)  # the drawn EI is the instantaneous one
     rod = SpatialRod(
         flexible_length_m=device.flexible_length_m,
-        bending_stiffness_nm2=relaxed,
+        bending_stiffness_nm2=relaxed_nm2,
         rigid_length_m=shaft.rigid_length_m,
-        torsional_stiffness_nm2=shaft.torsion_over_bending * relaxed,
+        torsional_stiffness_nm2=shaft.torsion_over_bending * relaxed_nm2,
         precurvature_per_m=_rest(shaft, parameters.out_of_plane_per_m, joints),
         stiffening_curvature_per_m=shaft.stiffening_curvature_per_m,
         stiffness_profile=_profile(shaft, joints),
         segments=segments,
     )
     gain = settings.actuation.gain_per_m_deg * parameters.knob_factor
-    start = gain * (parameters.knob_low_deg + parameters.play_start_deg)
-    radius = 0.5 * device.diameter_m
-    centre, axis = _tip_of(rod, start, radius)
-    angle = math.atan2(axis[1], axis[0]) + math.radians(parameters.contact_angle_deg)
-    forward = np.array([math.cos(angle), math.sin(angle), 0.0])
-    tilt = math.radians(parameters.tilt_deg)
-    normal = math.cos(tilt) * forward + np.array([0.0, 0.0, math.sin(tilt)])
-    spread = 0.2 * abs(gain) * max(parameters.knob_high_deg, 1.0) + 5.0
-    curvatures = np.linspace(gain * parameters.knob_low_deg - spread, gain * parameters.knob_high_deg + spread, 60)
-    support = np.array([_tip_of(rod, float(c), radius)[0] @ normal for c in curvatures])
+    start_curvature = gain * (parameters.knob_low_deg + parameters.play_start_deg)
+    radius_m = 0.5 * device.diameter_m
+    # The stage's axis is in the image plane, at the contact angle to the unloaded tip; the tissue's normal is tilted.
+    centre_m, axis = _tip_of(rod, start_curvature, radius_m)
+    angle_rad = math.atan2(axis[1], axis[0]) + math.radians(parameters.contact_angle_deg)
+    forward = np.array([math.cos(angle_rad), math.sin(angle_rad), 0.0])
+    tilt_rad = math.radians(parameters.tilt_deg)
+    normal = math.cos(tilt_rad) * forward + np.array([0.0, 0.0, math.sin(tilt_rad)])
+    # Curvatures of all knob angles of the session, with a margin for play and drift.
+    margin = 0.2 * abs(gain) * max(parameters.knob_high_deg, 1.0) + 5.0
+    curvatures = np.linspace(gain * parameters.knob_low_deg - margin, gain * parameters.knob_high_deg + margin, 60)
+    support = np.array([_tip_of(rod, float(c), radius_m)[0] @ normal for c in curvatures])
     return BenchModel(
         parameters=parameters,
         rod=rod,
         wall=_wall(settings.wall, parameters, normal),
         forward=forward,
         across=np.array([-forward[1], forward[0], 0.0]),
-        touch_m=centre + radius * normal,
-        touch_reach_m=float(centre @ normal),
+        touch_m=centre_m + radius_m * normal,
+        touch_reach_m=float(centre_m @ normal),
         support_curvature_per_m=curvatures,
         support_m=support,
         settings=settings,
@@ -161,6 +166,7 @@ def build_bench_model(
 
 
 def _wall(settings: WallSettings, parameters: SessionParameters, normal: FloatArray) -> SpatialWall:
+    """Makes the tissue with ``normal`` (3,) into it; drawn parameters replace the settings where they are given."""
     stiffness = parameters.wall_stiffness_n_per_m
     loss = settings.loss_factor if parameters.loss_factor is None else parameters.loss_factor
     radius = parameters.face_radius_m
@@ -179,11 +185,12 @@ def _wall(settings: WallSettings, parameters: SessionParameters, normal: FloatAr
 @lru_cache(maxsize=16)
 def _weights(segments: int, flexible_m: float, length_m: float, points: int) -> tuple[FloatArray, FloatArray]:
     """Returns weights (points, segments + 3) of nodes and end slopes, and lengths (points,) beyond the shaft's end."""
-    arc = np.linspace(0.0, flexible_m, segments + 1)
+    # A spline is linear in its nodes and end slopes: that of the unit matrix gives the weight of each of them.
+    node_arc_m = np.linspace(0.0, flexible_m, segments + 1)
     unit = np.eye(segments + 3)
-    spline = CubicSpline(arc, unit[: segments + 1], bc_type=((1, unit[-2]), (1, unit[-1])))  # pyright: ignore[reportArgumentType]
-    wanted = np.linspace(0.0, length_m, points)
-    return spline(np.minimum(wanted, flexible_m)), np.maximum(wanted - flexible_m, 0.0)
+    spline = CubicSpline(node_arc_m, unit[: segments + 1], bc_type=((1, unit[-2]), (1, unit[-1])))  # pyright: ignore[reportArgumentType]
+    arc_m = np.linspace(0.0, length_m, points)
+    return spline(np.minimum(arc_m, flexible_m)), np.maximum(arc_m - flexible_m, 0.0)
 
 
 def smooth_centrelines(

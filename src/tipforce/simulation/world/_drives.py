@@ -48,7 +48,7 @@ def _follow(
     max_acceleration: float,
     low: float,
     high: float,
-    place: float,
+    position: float,
     speed: float,
     out: FloatArray,
 ) -> tuple[float, float]:
@@ -61,7 +61,7 @@ def _follow(
         max_acceleration: see `AxisModel`.
         low: see `AxisModel`.
         high: see `AxisModel`.
-        place: position before the first command.
+        position: position before the first command.
         speed: speed before the first command, per s.
         out: (m,) array that receives the position after each command.
 
@@ -69,38 +69,39 @@ def _follow(
         Position and speed after the last command.
     """
     for row in range(commands.size):
-        gap = min(max(commands[row], low), high) - place
+        distance = min(max(commands[row], low), high) - position
         if math.isnan(commands[row]):
-            wanted = 0.0
+            target_speed = 0.0
         else:
             # Fastest speed from which the axis still comes to rest within the gap, and that does not jump over it.
-            brake = math.sqrt(2.0 * max_acceleration * abs(gap))
-            wanted = math.copysign(min(brake, max_speed, abs(gap) / dt_s), gap)
-        wanted = min(wanted, max(_safe_speed(high - place, max_acceleration, dt_s), 0.0))
-        wanted = max(wanted, -max(_safe_speed(place - low, max_acceleration, dt_s), 0.0))
-        change = min(max(wanted - speed, -max_acceleration * dt_s), max_acceleration * dt_s)
+            brake = math.sqrt(2.0 * max_acceleration * abs(distance))
+            target_speed = math.copysign(min(brake, max_speed, abs(distance) / dt_s), distance)
+        # It must also be able to stop before either end of the travel.
+        target_speed = min(target_speed, max(_safe_speed(high - position, max_acceleration, dt_s), 0.0))
+        target_speed = max(target_speed, -max(_safe_speed(position - low, max_acceleration, dt_s), 0.0))
+        change = min(max(target_speed - speed, -max_acceleration * dt_s), max_acceleration * dt_s)
         speed += change
-        place += speed * dt_s
-        out[row] = place
-    return place, speed
+        position += speed * dt_s
+        out[row] = position
+    return position, speed
 
 
 @njit(cache=True, error_model="numpy")
-def _lag(positions: FloatArray, share: float, place: float) -> float:
+def _lag(positions: FloatArray, share: float, load: float) -> float:
     """Applies a first-order lag.
 
     Args:
         positions: (m,) positions of the motor; they are replaced by those of the load.
         share: share of the distance to the motor that the load covers in one step.
-        place: position of the load before the first step.
+        load: position of the load before the first step.
 
     Returns:
         Position of the load after the last step.
     """
     for row in range(positions.size):
-        place += share * (positions[row] - place)
-        positions[row] = place
-    return place
+        load += share * (positions[row] - load)
+        positions[row] = load
+    return load
 
 
 class Axis:
@@ -212,17 +213,19 @@ class Drive:
             Commands, positions, and positions in whole steps, (end - first,) each, in the unit of the axis.
         """
         commanded, smooth = self.commands(first, end), self.programme[first:end].copy()
-        places = smooth
-        hand_over = self.taken_over
-        start = first if self._axis is not None else end if hand_over is None else min(max(hand_over, first), end)
+        whole_steps = smooth
+        taken_over = self.taken_over
+        # First instant at which the motor drives the axis; an axis moved by hand is driven after its first command.
+        start = first if self._axis is not None else end if taken_over is None else min(max(taken_over, first), end)
         if start < end:
             if self._axis is None:
+                # The motor takes over position and speed of the hand.
                 here, before = (float(self.programme[max(0, start - back)]) for back in (1, 2))
                 self._axis = Axis(self.model, self.dt_s, here, (here - before) / self.dt_s)
-            moved = self._axis.follow(self.commands(start - self.late, end - self.late))
-            smooth[start - first :] = moved
-            places = smooth.copy()
-            places[start - first :] = self._axis.resolved(moved)
+            driven = self._axis.follow(self.commands(start - self.late, end - self.late))
+            smooth[start - first :] = driven
+            whole_steps = smooth.copy()
+            whole_steps[start - first :] = self._axis.resolved(driven)
         resting = np.isnan(commanded)
-        commanded[resting] = places[resting]
-        return commanded, smooth, places
+        commanded[resting] = whole_steps[resting]
+        return commanded, smooth, whole_steps

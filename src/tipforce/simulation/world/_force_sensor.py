@@ -82,27 +82,29 @@ class ForceSensor:
         seconds: float,
         rng: np.random.Generator,
     ) -> None:
-        offset = float(rng.uniform(*clock.force_offset_ms)) * 1e-3
+        """Draws clock, pose, bias, drift and noise of the sensor; `take` fills the readings."""
+        offset_s = float(rng.uniform(*clock.force_offset_ms)) * 1e-3
         drift = float(rng.uniform(*clock.force_drift_ppm)) * 1e-6
-        nominal = float(round(math.degrees(normal_angle_rad)))
-        error = np.radians(rng.uniform(*settings.pose_error_deg, 3))
-        turn = Pose.from_euler(error + np.array([0.0, 0.0, math.radians(nominal)]), np.zeros(3))
-        own: FloatArray = np.arange(round(seconds * settings.rate_hz), dtype=np.float64) / settings.rate_hz
+        nominal_deg = float(round(math.degrees(normal_angle_rad)))
+        # The true pose differs from the nominal one by small rotations.
+        error_rad = np.radians(rng.uniform(*settings.pose_error_deg, 3))
+        base_from_sensor = Pose.from_euler(error_rad + np.array([0.0, 0.0, math.radians(nominal_deg)]), np.zeros(3))
+        logger_s: FloatArray = np.arange(round(seconds * settings.rate_hz), dtype=np.float64) / settings.rate_hz
         self.settings = settings
         self.log = SensorLog(
-            stamp_ns=np.round(own * 1e9).astype(np.int64),
-            force_n=np.zeros((own.size, 3)),
-            torque_nm=np.zeros((own.size, 3)),
-            true_s=own * (1.0 + drift) + offset,
-            rotation=turn.rotation.T,
-            nominal_angle_deg=nominal,
-            offset_s=offset,
+            stamp_ns=np.round(logger_s * 1e9).astype(np.int64),
+            force_n=np.zeros((logger_s.size, 3)),
+            torque_nm=np.zeros((logger_s.size, 3)),
+            true_s=logger_s * (1.0 + drift) + offset_s,
+            rotation=base_from_sensor.rotation.T,
+            nominal_angle_deg=nominal_deg,
+            offset_s=offset_s,
             drift=drift,
             bias_n=rng.uniform(*settings.bias_n, 3),
             drift_n_per_s=rng.uniform(*settings.drift_n_per_min, 3) / 60.0,
         )
-        self._noise_n = settings.noise_n * rng.standard_normal((own.size, 3))
-        self._torque_noise_nm = settings.torque_noise_nm * rng.standard_normal((own.size, 3))
+        self._noise_n = settings.noise_n * rng.standard_normal((logger_s.size, 3))
+        self._torque_noise_nm = settings.torque_noise_nm * rng.standard_normal((logger_s.size, 3))
 
     def take(self, load: SensorLoad, first: int, end: int) -> None:
         """Takes readings into the log.
@@ -113,19 +115,21 @@ class ForceSensor:
             end: end of the readings, exclusive.
         """
         settings, log, rows = self.settings, self.log, slice(first, end)
-        true = log.true_s[rows]
+        true_s = log.true_s[rows]
 
         def at(values: FloatArray) -> FloatArray:
-            return np.stack([np.interp(true, load.time_s, values[:, k]) for k in range(3)], axis=1)
+            """Interpolates (m, 3) values at the times of the readings."""
+            return np.stack([np.interp(true_s, load.time_s, values[:, k]) for k in range(3)], axis=1)
 
-        carried = settings.moving_mass_kg * (GRAVITY_M_PER_S2 - at(load.acceleration_m_per_s2))
-        tip = at(load.force_n)
-        moment = np.cross(at(load.lever_m), tip)
+        # Weight and inertia of the mass above the sensor.
+        mass_force = settings.moving_mass_kg * (GRAVITY_M_PER_S2 - at(load.acceleration_m_per_s2))
+        contact_force = at(load.force_n)
+        moment = np.cross(at(load.lever_m), contact_force)
         if load.side is not None:
-            side = at(load.side[0])
-            moment = moment + np.cross(at(load.side[1]), side)
-            tip = tip + side
-        force = times(tip + carried, log.rotation.T) + log.bias_n + log.drift_n_per_s * true[:, None]
+            side_force = at(load.side[0])
+            moment = moment + np.cross(at(load.side[1]), side_force)
+            contact_force = contact_force + side_force
+        force = times(contact_force + mass_force, log.rotation.T) + log.bias_n + log.drift_n_per_s * true_s[:, None]
         force += self._noise_n[rows]
         torque = times(moment, log.rotation.T) + self._torque_noise_nm[rows]
         step = np.array(settings.step_n)

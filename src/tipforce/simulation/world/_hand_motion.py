@@ -17,7 +17,7 @@ _SMOOTHING_S = 0.06
 
 
 def hand_wave(time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Makes a motion of sections that each start at the end of the last one.
+    """Makes the motion of a stage that a hand moves: random sections (press, pause, fiddle), smoothed, with tremor.
 
     Args:
         time_s: (m,) evenly spaced times.
@@ -27,18 +27,18 @@ def hand_wave(time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
         (m,) positions from -1 to 1.
     """
     step, count = float(time_s[1] - time_s[0]), time_s.size
-    wave, filled, here = np.empty(count), 0, -1.0
+    wave, filled, position = np.empty(count), 0, -1.0
     while filled < count:
         kind = str(rng.choice(_KINDS, p=_KIND_SHARES))
         if kind == "press":
-            part = _press(here, step, rng)
+            section = _press(position, step, rng)
         elif kind == "pause":
-            part = np.full(_steps(_PAUSE_S, step, rng), here)
+            section = np.full(_steps(_PAUSE_S, step, rng), position)
         else:
-            part = _fiddle(here, step, rng)
-        part = part[: count - filled]
-        wave[filled : filled + part.size] = part
-        filled, here = filled + part.size, float(part[-1])
+            section = _fiddle(position, step, rng)
+        section = section[: count - filled]
+        wave[filled : filled + section.size] = section
+        filled, position = filled + section.size, float(section[-1])
     tremor = _noise(count, _TREMOR_HZ * step, rng)
     wave = gaussian_filter1d(wave, _SMOOTHING_S / step, mode="nearest") + _TREMOR_SHARE * tremor
     low, high = float(wave.min()), float(wave.max())
@@ -50,10 +50,10 @@ def _steps(seconds: tuple[float, float], step: float, rng: np.random.Generator) 
 
 
 def _press(here: float, step: float, rng: np.random.Generator) -> FloatArray:
-    """Moves forward to some depth, holds, and moves back; each motion is half a cosine."""
+    """Returns a press from position ``here``: forward to some depth, a pause, back; each motion is half a cosine."""
     top, end = float(rng.uniform(min(max(here, -0.2), 0.9), 1.0)), float(rng.uniform(-1.0, -0.3))
-    ways = [_ramp(here, top, _steps(_PRESS_S, step, rng)), np.full(_steps(_HOLD_S, step, rng), top)]
-    return np.concatenate([*ways, _ramp(top, end, _steps(_PRESS_S, step, rng))])
+    motions = [_ramp(here, top, _steps(_PRESS_S, step, rng)), np.full(_steps(_HOLD_S, step, rng), top)]
+    return np.concatenate([*motions, _ramp(top, end, _steps(_PRESS_S, step, rng))])
 
 
 def _ramp(start: float, end: float, count: int) -> FloatArray:
@@ -69,8 +69,8 @@ def _fiddle(here: float, step: float, rng: np.random.Generator) -> FloatArray:
 
 
 def _noise(count: int, cycles: float, rng: np.random.Generator) -> FloatArray:
-    """Returns (count,) Gaussian noise of standard deviation 1 below some ``cycles`` per step."""
-    sigma = 0.5 / (np.pi * cycles)  # this Gaussian filter halves the power there, nearly
+    """Returns (count,) low-pass filtered noise of standard deviation 1 with its edge at ``cycles`` per step."""
+    sigma = 0.5 / (np.pi * cycles)  # in steps; this Gaussian filter reduces the power at the edge to 1/e
     noise = gaussian_filter1d(rng.standard_normal(count + round(8 * sigma)), sigma)
-    noise = noise[round(4 * sigma) : round(4 * sigma) + count]
+    noise = noise[round(4 * sigma) : round(4 * sigma) + count]  # without the ends, which the filter spoils
     return noise * np.sqrt(2.0 * np.sqrt(np.pi) * sigma)

@@ -29,11 +29,12 @@ def knob_trajectory(parameters: SessionParameters, time_s: FloatArray, rng: np.r
         return np.full(time_s.size, parameters.knob_low_deg)
     times, angles = [float(time_s[0])], [float(rng.uniform(low, high))]
     while times[-1] < time_s[-1]:
-        goal = float(rng.uniform(low, high))
-        times.append(times[-1] + abs(goal - angles[-1]) / speed + 1e-3)
-        angles.append(goal)
+        # Move to a random angle at constant speed, then pause.
+        target = float(rng.uniform(low, high))
+        times.append(times[-1] + abs(target - angles[-1]) / speed + 1e-3)
+        angles.append(target)
         times.append(times[-1] + float(rng.uniform(0.0, 2.0)))
-        angles.append(goal)
+        angles.append(target)
     return np.interp(time_s, times, angles)
 
 
@@ -50,11 +51,12 @@ def slow_drift(rms: float, correlation_s: float, time_s: FloatArray, rng: np.ran
         (m,) values.
     """
     knots = np.arange(time_s[0], time_s[-1] + correlation_s / 100, correlation_s / 200)
+    # x[k + 1] = keep x[k] + sqrt(1 - keep^2) noise, whose variance stays 1.
     keep = math.exp(-1 / 200)
     kicks = rng.standard_normal(knots.size)
     kicks[1:] *= math.sqrt(1 - keep * keep)
-    course = np.fromiter(accumulate(kicks.tolist(), lambda before, kick: kick + keep * before), np.float64, knots.size)
-    return rms * np.interp(time_s, knots, course)
+    process = np.fromiter(accumulate(kicks.tolist(), lambda before, kick: kick + keep * before), np.float64, knots.size)
+    return rms * np.interp(time_s, knots, process)
 
 
 STEP_S = 1e-3
@@ -152,11 +154,13 @@ class MotionProfile:
         Returns:
             (m, 2) positions in metres, along the wall's normal and across.
         """
-        push = self.push_m(bench_model, motion.amplitude_m)
-        near = np.clip((self.time_s - bench_model.settings.tare_s) / APPROACH_S, 0.0, 1.0)
-        away = (1.0 - near * near * (3.0 - 2.0 * near)) * (push.max() - motion.standoff_m + CLEARANCE_M)
-        forward = motion.amplitude_m * self.wave + self.breath_m - motion.standoff_m - away
-        return np.stack([forward, motion.amplitude_m * self.lateral], axis=1)
+        push_m = self.push_m(bench_model, motion.amplitude_m)
+        approach = np.clip((self.time_s - bench_model.settings.tare_s) / APPROACH_S, 0.0, 1.0)
+        # A smooth step: the stage comes from a position in which the deepest motion would stay clear of the tip.
+        farthest_m = push_m.max() - motion.standoff_m + CLEARANCE_M
+        retreat_m = (1.0 - approach * approach * (3.0 - 2.0 * approach)) * farthest_m
+        forward_m = motion.amplitude_m * self.wave + self.breath_m - motion.standoff_m - retreat_m
+        return np.stack([forward_m, motion.amplitude_m * self.lateral], axis=1)
 
 
 def compose_motion(bench_model: BenchModel, time_s: FloatArray, rng: np.random.Generator) -> MotionProfile:
@@ -194,6 +198,7 @@ def compose_motion(bench_model: BenchModel, time_s: FloatArray, rng: np.random.G
 
 
 def _heart(parameters: SessionParameters, respiration_hz: float) -> HeartMotion:
+    """Returns heart beat and breath with a beat of amplitude 1: the true amplitude in m is solved later."""
     return HeartMotion(
         amplitude_m=1.0,  # to be solved for
         beat_hz=parameters.beat_hz,

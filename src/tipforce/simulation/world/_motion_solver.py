@@ -97,26 +97,26 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _solve_exactly(bench_model: BenchModel, motion_profile: MotionProfile, coarse: MotionProfile) -> Motion | str:
-    """Solves the amplitude to 10 um; returns the motion or the rejection reason."""
+    """Solves the amplitude to 10 um by trials on the profile ``coarse``; returns the motion or the rejection reason."""
 
     def motion(amplitude: float) -> Motion:
         return Motion(amplitude, motion_profile.standoff_m(bench_model, amplitude))
 
-    wanted, peaks = bench_model.parameters.peak_force_n, dict[float, float]()
+    wanted_n, peaks_n = bench_model.parameters.peak_force_n, dict[float, float]()
 
     def excess(amplitude: float) -> float:
-        if amplitude not in peaks:
-            peaks[amplitude] = _peak_n(integrate_trajectory(bench_model, coarse, motion(amplitude)))
-        return peaks[amplitude] - wanted
+        if amplitude not in peaks_n:
+            peaks_n[amplitude] = _peak_n(integrate_trajectory(bench_model, coarse, motion(amplitude)))
+        return peaks_n[amplitude] - wanted_n
 
     low, high = bench_model.settings.motion.amplitude_m
     if excess(high) < 0.0:
         return _TOO_LITTLE
-    peaks[low] = _peak_n(_trial(bench_model, coarse, motion(low), 1, wanted)[0])
+    peaks_n[low] = _peak_n(_trial(bench_model, coarse, motion(low), 1, wanted_n)[0])
     if excess(low) > 0.0:
         return _TOO_MUCH
-    found = motion(_root(excess, low, high))
-    return _side_contact(bench_model, integrate_trajectory(bench_model, coarse, found)) or found
+    solved = motion(_root(excess, low, high))
+    return _side_contact(bench_model, integrate_trajectory(bench_model, coarse, solved)) or solved
 
 
 def _solve_approximately(
@@ -129,28 +129,27 @@ def _solve_approximately(
     wanted = bench_model.parameters.peak_force_n
     low, high = bench_model.settings.motion.amplitude_m
     amplitudes, forces = _static_forces(bench_model, coarse)
-    below, above, ratio = 0.0, math.inf, 1.0
+    below, above, ratio = 0.0, math.inf, 1.0  # amplitudes known to be too small and too large; true / static force
     for _ in range(_MAX_TRIALS):
-        at = min(max(float(np.interp(wanted / ratio, forces, amplitudes)), low), high)
-        if math.isfinite(above) and below > 0.0:
-            share = 0.1 * (above - below)
-            at = min(max(at, below + share), above - share)
-        motion = Motion(at, motion_profile.standoff_m(bench_model, at))
-        trajectory, whole = _trial(
-            bench_model, coarse, motion, resolution.trial_every, wanted if at <= low else _MAX_FORCE_RATIO * wanted
-        )
+        amplitude = min(max(float(np.interp(wanted / ratio, forces, amplitudes)), low), high)
+        if math.isfinite(above) and below > 0.0:  # stay 10 % inside the bracket
+            inset = 0.1 * (above - below)
+            amplitude = min(max(amplitude, below + inset), above - inset)
+        motion = Motion(amplitude, motion_profile.standoff_m(bench_model, amplitude))
+        enough_n = wanted if amplitude <= low else _MAX_FORCE_RATIO * wanted
+        trajectory, complete = _trial(bench_model, coarse, motion, resolution.trial_every, enough_n)
         peak = _peak_n(trajectory)
-        if whole and abs(peak - wanted) <= resolution.peak_n:
+        if complete and abs(peak - wanted) <= resolution.peak_n:
             return rejection_reason(bench_model, trajectory) or motion
         if peak > wanted:
-            if at <= low:
+            if amplitude <= low:
                 return _TOO_MUCH
-            above = at
+            above = amplitude
         else:
-            if at >= high:
+            if amplitude >= high:
                 return _TOO_LITTLE
-            below = at
-        ratio = max(peak, _MIN_FORCE_N) / max(float(np.interp(at, amplitudes, forces)), _MIN_FORCE_N)
+            below = amplitude
+        ratio = max(peak, _MIN_FORCE_N) / max(float(np.interp(amplitude, amplitudes, forces)), _MIN_FORCE_N)
     return "no amplitude gives the force"
 
 
@@ -160,17 +159,17 @@ def _solve_range(bench_model: BenchModel, coarse: MotionProfile, resolution: Res
     The static solution gives the depths of these forces; each trial then shows by which ratio the true forces differ.
     """
     parameters, (low, high) = bench_model.parameters, bench_model.settings.motion.amplitude_m
-    wanted = np.array([parameters.least_force_n, parameters.peak_force_n])
+    wanted_n = np.array([parameters.least_force_n, parameters.peak_force_n])
     beating = coarse.time_s > bench_model.settings.tare_s + APPROACH_S
     depths, forces = _forces_at_rest(bench_model, coarse, _MAX_DEPTH_M)
-    aimed: FloatArray = wanted.copy()
+    aimed_n: FloatArray = wanted_n.copy()
     for _ in range(_MAX_TRIALS):
-        if aimed[1] >= forces[-1]:
+        if aimed_n[1] >= forces[-1]:
             return _TOO_LITTLE
-        shallow, deep = np.interp(aimed, forces, depths).tolist()
+        shallow, deep = np.interp(aimed_n, forces, depths).tolist()
 
         def excess_m(amplitude: float, stroke_m: float = deep - shallow) -> float:
-            """Returns how much longer the stage's stroke is than wanted."""
+            """Returns by how much the stage's stroke is longer than the wanted ``stroke_m``."""
             return float(np.ptp(coarse.push_m(bench_model, amplitude)[beating])) - stroke_m
 
         if excess_m(low) > 0.0:
@@ -179,29 +178,32 @@ def _solve_range(bench_model: BenchModel, coarse: MotionProfile, resolution: Res
             return _TOO_LITTLE
         amplitude: float = _root(excess_m, low, high)
         motion = Motion(amplitude, float(coarse.push_m(bench_model, amplitude)[beating].max()) - deep)
-        trajectory, whole = _trial(
-            bench_model, coarse, motion, resolution.trial_every, _MAX_FORCE_RATIO * float(wanted[1])
+        trajectory, complete = _trial(
+            bench_model, coarse, motion, resolution.trial_every, _MAX_FORCE_RATIO * float(wanted_n[1])
         )
         peak = _peak_n(trajectory)
-        if not whole:
-            aimed = aimed * wanted[1] / peak
+        if not complete:
+            aimed_n = aimed_n * wanted_n[1] / peak
             continue
-        found = np.array([_least_n(bench_model, trajectory), peak])
-        if np.abs(found - wanted).max() <= resolution.peak_n:
+        reached = np.array([_least_n(bench_model, trajectory), peak])
+        if np.abs(reached - wanted_n).max() <= resolution.peak_n:
             return rejection_reason(bench_model, trajectory) or motion
-        aimed = aimed * wanted / np.maximum(found, _MIN_FORCE_N)
+        aimed_n = aimed_n * wanted_n / np.maximum(reached, _MIN_FORCE_N)
     return "no amplitude and stand-off give the forces"
 
 
 def _forces_at_rest(bench_model: BenchModel, coarse: MotionProfile, deepest_m: float) -> tuple[FloatArray, FloatArray]:
-    """Returns (k,) depths of the wall beyond first contact, and (k,) the force at rest there."""
+    """Returns (k,) depths of the wall beyond first contact, and (k,) the tip's force at rest there, made monotonic.
+
+    ``deepest_m``: largest depth. The knob has the median angle of the profile.
+    """
     depth = np.arange(-_DEPTH_STEP_M, deepest_m + _DEPTH_STEP_M, _DEPTH_STEP_M)
     solver = SpatialContactSolver(bench_model.rod, bench_model.wall, 1.0, bench_model.radius_m)
-    turned = np.zeros((depth.size, 3))
-    turned[:, 2] = np.median(coarse.curvature_per_m)
-    beyond = bench_model.reach_m(turned[:1, 2]) - depth
-    wall = bench_model.touch_m + bench_model.directed(np.stack([-beyond, np.zeros(depth.size)], axis=1))
-    force = np.linalg.norm(solver.run(wall, turned).force_n, axis=1)
+    curvature = np.zeros((depth.size, 3))
+    curvature[:, 2] = np.median(coarse.curvature_per_m)
+    stage_gap_m = bench_model.reach_m(curvature[:1, 2]) - depth
+    wall = bench_model.touch_m + bench_model.directed(np.stack([-stage_gap_m, np.zeros(depth.size)], axis=1))
+    force = np.linalg.norm(solver.run(wall, curvature).force_n, axis=1)
     return depth, np.maximum.accumulate(force)
 
 
@@ -217,13 +219,16 @@ def _static_forces(bench_model: BenchModel, coarse: MotionProfile) -> tuple[Floa
 def _trial(
     bench_model: BenchModel, coarse: MotionProfile, motion: Motion, every: int, enough_n: float
 ) -> tuple[Trajectory, bool]:
-    """Returns the trajectory until more than ``enough_n`` is reached, and whether that is all of it."""
+    """Simulates ``motion`` until its force exceeds ``enough_n``; returns the trajectory, and whether it is complete.
+
+    ``every``: interval between solutions of the rod, in instants.
+    """
     run, count = TrajectoryIntegrator(bench_model, coarse, motion, every), coarse.time_s.size
     while run.done < count:
         first = run.done
         run.advance(first + _CHUNK_INSTANTS)
-        now = np.linalg.norm(run.trajectory.contact.force_n[first : run.done], axis=1)
-        if float(now.max()) > enough_n:
+        force_n = np.linalg.norm(run.trajectory.contact.force_n[first : run.done], axis=1)
+        if float(force_n.max()) > enough_n:
             break
     return thinned(run.trajectory, every), run.done == count
 
@@ -252,14 +257,17 @@ def rejection_reason(bench_model: BenchModel, trajectory: Trajectory) -> str:
 
 
 def _side_contact(bench_model: BenchModel, trajectory: Trajectory) -> str:
-    """Returns the rejection reason that not the dome but the electrode's side touches, or an empty string."""
+    """Returns a rejection reason if the side of the electrode would touch, not its dome; else an empty string.
+
+    The dome touches while the tip's axis points into the surface: at more than about 3 degrees to it.
+    """
     if bench_model.wall.side_stiffness_n_per_m2 > 0.0:
         return ""  # the side touches too
     contact, wall = trajectory.contact, bench_model.wall
     axes = contact.tip_axes(contact.touching)
     if wall.face_radius_m is None:
-        facing = axes @ wall.normal
+        cosines = axes @ wall.normal
     else:
-        facing = (axes * wall.normals_at((contact.touch_m - trajectory.wall_m)[contact.touching])).sum(axis=1)
-    steepest = float(facing.min(initial=1.0))
-    return "the electrode's side, not its dome, would touch" if steepest < 0.05 else ""
+        cosines = (axes * wall.normals_at((contact.touch_m - trajectory.wall_m)[contact.touching])).sum(axis=1)
+    smallest = float(cosines.min(initial=1.0))
+    return "the electrode's side, not its dome, would touch" if smallest < 0.05 else ""

@@ -75,19 +75,21 @@ def sample_device(settings: WorldSettings, seed: int, session: int, redraw: int 
         The catheter.
     """
     shaft = settings.shaft
-    key = [seed, session // shaft.sessions_per_catheter, 0]
+    key = [seed, session // shaft.sessions_per_catheter, 0]  # the same for all sessions of a catheter
     rng = np.random.default_rng([*key, redraw] if redraw else key)
     length, stiffness = rng.uniform(*shaft.flexible_length_m), rng.uniform(*shaft.stiffness_nm2)
     diameter = rng.uniform(*shaft.diameter_m)
-    wide = shaft.diameter_known_to
-    off = 1.0 + rng.uniform(-shaft.known_to, shaft.known_to, 2)
+    diameter_error = shaft.diameter_known_to
+    measured_over_true = 1.0 + rng.uniform(-shaft.known_to, shaft.known_to, 2)
     return DeviceProperties(
         diameter_m=float(diameter),
         flexible_length_m=float(length),
         stiffness_nm2=float(stiffness),
-        nominal_flexible_length_m=shaft.nominal_flexible_length_m or float(length * off[0]),
-        nominal_stiffness_nm2=shaft.nominal_stiffness_nm2 or float(stiffness * off[1]),
-        nominal_diameter_m=float(diameter * (1.0 + rng.uniform(-wide, wide))) if wide else None,
+        nominal_flexible_length_m=shaft.nominal_flexible_length_m or float(length * measured_over_true[0]),
+        nominal_stiffness_nm2=shaft.nominal_stiffness_nm2 or float(stiffness * measured_over_true[1]),
+        nominal_diameter_m=float(diameter * (1.0 + rng.uniform(-diameter_error, diameter_error)))
+        if diameter_error
+        else None,
     )
 
 
@@ -103,36 +105,36 @@ def sample_parameters(settings: WorldSettings, device: DeviceProperties, rng: np
         The parameters.
     """
 
-    def one(bounds: Range) -> float:
+    def uniform(bounds: Range) -> float:
         return float(rng.uniform(*bounds))
 
-    def turn() -> float:
-        return one((0.0, 2 * math.pi))
+    def angle_rad() -> float:
+        return uniform((0.0, 2 * math.pi))
 
     actuation, wall, motion = settings.actuation, settings.wall, settings.motion
-    knob = sorted(rng.uniform(*actuation.knob_deg, 2).tolist())
-    side = -1.0 if wall.either_side and rng.random() < 0.5 else 1.0
+    knob_range_deg = sorted(rng.uniform(*actuation.knob_deg, 2).tolist())
+    bend_side = -1.0 if wall.either_side and rng.random() < 0.5 else 1.0
     names = list(HEART_WAVES)
     parameters = SessionParameters(
         device=device,
-        out_of_plane_per_m=one(settings.shaft.out_of_plane_per_m),
-        knob_factor=one(actuation.factor),
-        play_start_deg=one((-actuation.play_deg / 2, actuation.play_deg / 2)),
-        knob_low_deg=knob[0],
-        knob_high_deg=knob[1],
-        knob_speed_deg_per_s=actuation.knob_deg_per_s * one((0.1, 1.0)),
-        contact_angle_deg=side * one(wall.contact_angle_deg),
-        tilt_deg=one(wall.tilt_deg),
-        wall_stiffness_n_per_m=one(wall.stiffness_n_per_m),
-        friction=one(wall.friction),
+        out_of_plane_per_m=uniform(settings.shaft.out_of_plane_per_m),
+        knob_factor=uniform(actuation.factor),
+        play_start_deg=uniform((-actuation.play_deg / 2, actuation.play_deg / 2)),
+        knob_low_deg=knob_range_deg[0],
+        knob_high_deg=knob_range_deg[1],
+        knob_speed_deg_per_s=actuation.knob_deg_per_s * uniform((0.1, 1.0)),
+        contact_angle_deg=bend_side * uniform(wall.contact_angle_deg),
+        tilt_deg=uniform(wall.tilt_deg),
+        wall_stiffness_n_per_m=uniform(wall.stiffness_n_per_m),
+        friction=uniform(wall.friction),
         wave=names[1] if rng.random() < motion.half_wave_share else names[0],
-        beat_hz=one(motion.beat_hz),
-        lateral_share=one(motion.lateral_share),
-        lateral_phase=turn(),
-        respiration_m=one(motion.respiration_m),
-        respiration_phase=turn(),
-        peak_force_n=one(motion.peak_force_n),
-        free_share=one(motion.free_share),
+        beat_hz=uniform(motion.beat_hz),
+        lateral_share=uniform(motion.lateral_share),
+        lateral_phase=angle_rad(),
+        respiration_m=uniform(motion.respiration_m),
+        respiration_phase=angle_rad(),
+        peak_force_n=uniform(motion.peak_force_n),
+        free_share=uniform(motion.free_share),
     )
     return replace(parameters, **_sample_more(settings, rng))
 
@@ -163,12 +165,12 @@ def sample_kind(settings: WorldSettings, rng: np.random.Generator) -> dict[str, 
 
 
 def _sample_more(settings: WorldSettings, rng: np.random.Generator) -> dict[str, Any]:
-    """Samples the values that only some presets draw, after all others: sessions of other presets do not change."""
-    wall, more = settings.wall, dict[str, Any]()
+    """Samples values that only some presets draw, after all others, so that sessions of other presets do not change."""
+    wall, drawn = settings.wall, dict[str, Any]()
     if wall.log_stiffness:
-        more["wall_stiffness_n_per_m"] = float(np.exp(rng.uniform(*np.log(wall.stiffness_n_per_m))))
+        drawn["wall_stiffness_n_per_m"] = float(np.exp(rng.uniform(*np.log(wall.stiffness_n_per_m))))
     if wall.loss_factors:
-        more["loss_factor"] = float(rng.uniform(*wall.loss_factors))
+        drawn["loss_factor"] = float(rng.uniform(*wall.loss_factors))
     if settings.motion.least_force_n:
-        more["least_force_n"] = float(rng.uniform(*settings.motion.least_force_n))
-    return more
+        drawn["least_force_n"] = float(rng.uniform(*settings.motion.least_force_n))
+    return drawn

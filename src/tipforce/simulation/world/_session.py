@@ -2,7 +2,7 @@
 
 Consecutive sessions share a catheter. It is drawn again if no motion brings it to the requested forces. That choice
 depends on the catheter's own random numbers alone, never on a session's, so all of its sessions find the same one, in
-any order and in any process.
+any order and in any process. The last constants in a key of random numbers (1, 6, 10, 13) keep their streams apart.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +20,9 @@ from ._trajectory import Trajectory, TrajectoryIntegrator, integrate_trajectory
 from .settings import WorldSettings
 
 _TRIALS = 100
+"""Largest number of trial sessions of a catheter, of which one must reach the forces."""
 _REDRAWS = 50
+"""Largest number of draws of a catheter or of a bench."""
 _TRIAL_STEP_S = 8e-3
 
 
@@ -56,6 +58,7 @@ def catheter_of(settings: WorldSettings, seed: int, session: int) -> SampledDevi
 
 @lru_cache(maxsize=64)
 def _shared(settings_json: str, seed: int, number: int) -> SampledDevice:
+    """Returns catheter ``number`` of ``seed``, see `catheter_of`; settings are JSON, which the cache can compare."""
     settings = WorldSettings.model_validate_json(settings_json)
     first = number * settings.shaft.sessions_per_catheter
     for redraws in range(_REDRAWS):
@@ -69,12 +72,16 @@ def _shared(settings_json: str, seed: int, number: int) -> SampledDevice:
 
 
 def _reaches(settings: WorldSettings, device: DeviceProperties, key: tuple[int, ...]) -> bool:
-    """Returns whether a session reaches the least of the wanted peak forces, over two breaths of largest amplitude."""
+    """Returns whether a trial session with ``device`` and the random numbers of ``key`` reaches the wanted forces.
+
+    Over two breaths, the largest amplitude must reach the lower end of the range of peak forces. If a smallest force is
+    wanted, too, the motion is solved.
+    """
     rng = np.random.default_rng(key)
     if settings.motion.least_force_n:
         return _solvable(settings, sample_parameters(settings, device, rng), rng)
-    brief = settings.model_copy(update={"tare_s": 0.0})
-    bench_model = build_bench_model(brief, sample_parameters(brief, device, rng))
+    without_tare = settings.model_copy(update={"tare_s": 0.0})
+    bench_model = build_bench_model(without_tare, sample_parameters(without_tare, device, rng))
     motion_profile = compose_motion(bench_model, _two_breaths(settings, _TRIAL_STEP_S), rng)
     largest = settings.motion.amplitude_m[1]
     contact = integrate_trajectory(
@@ -86,8 +93,8 @@ def _reaches(settings: WorldSettings, device: DeviceProperties, key: tuple[int, 
 
 def _solvable(settings: WorldSettings, parameters: SessionParameters, rng: np.random.Generator) -> bool:
     """Returns whether some motion gives the session its smallest and its largest force over two breaths."""
-    brief = settings.model_copy(update={"tare_s": 0.0})
-    bench_model = build_bench_model(brief, parameters, FAST.trial_segment_m)
+    without_tare = settings.model_copy(update={"tare_s": 0.0})
+    bench_model = build_bench_model(without_tare, parameters, FAST.trial_segment_m)
     motion_profile = compose_motion(bench_model, _two_breaths(settings, STEP_S), rng)
     resolution = replace(FAST, peak_n=settings.motion.peak_within_n or FAST.peak_n)
     return isinstance(solve(bench_model, motion_profile, resolution), Motion)
@@ -123,6 +130,7 @@ def bench_of(settings: WorldSettings, seed: int, session: int) -> dict[str, floa
 
 @lru_cache(maxsize=64)
 def _shared_bench(settings_json: str, seed: int, number: int) -> dict[str, float]:
+    """Returns the parameters of bench ``number`` of ``seed``, see `bench_of`; settings are JSON as in `_shared`."""
     settings = WorldSettings.model_validate_json(settings_json)
     device = catheter_of(settings, seed, number * settings.sessions_per_bench).device
     for redraw in range(_REDRAWS):
@@ -194,8 +202,9 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
     angle_deg, peak_n, bench = 0.0, 0.0, bench_of(settings, seed, number)
     kind = sample_kind(settings, np.random.default_rng([seed, number, 10]))
     instants = round((settings.seconds + LEAD_S + TRAIL_S) / STEP_S)
-    whole = np.arange(instants, dtype=np.float64) * STEP_S - LEAD_S
+    time_s = np.arange(instants, dtype=np.float64) * STEP_S - LEAD_S
     for attempt in range(_DRAWS):
+        # Some parameters stay the same for several draws: otherwise values that fail often would be rarer than drawn.
         rng = np.random.default_rng([seed, number, 1, attempt])
         parameters = sample_parameters(settings, catheter.device, rng)
         if attempt % _DRAWS_PER_ANGLE == 0:
@@ -205,21 +214,18 @@ def run_session(settings: WorldSettings, seed: int, number: int, resolution: Res
         shared = {"contact_angle_deg": angle_deg, "peak_force_n": peak_n} | kind | bench
         parameters = replace(parameters, **shared)
         bench_model = build_bench_model(settings, parameters)
-        motion_profile = compose_motion(bench_model, whole, rng)
-        found = solve(
-            build_bench_model(settings, parameters, resolution.trial_segment_m)
-            if resolution.trial_segment_m
-            else bench_model,
-            motion_profile,
-            resolution,
-        )
-        why = found if isinstance(found, str) else ""
-        if isinstance(found, Motion):
-            trajectory = integrate_trajectory(bench_model, motion_profile, found, resolution.every)
-            why = rejection_reason(bench_model, trajectory)
-            if not why:
-                return Session(bench_model, motion_profile, found, trajectory, redraws)
-        redraws[why] = redraws.get(why, 0) + 1
+        motion_profile = compose_motion(bench_model, time_s, rng)
+        trial_model = bench_model
+        if resolution.trial_segment_m:
+            trial_model = build_bench_model(settings, parameters, resolution.trial_segment_m)
+        solved = solve(trial_model, motion_profile, resolution)
+        rejection = solved if isinstance(solved, str) else ""
+        if isinstance(solved, Motion):
+            trajectory = integrate_trajectory(bench_model, motion_profile, solved, resolution.every)
+            rejection = rejection_reason(bench_model, trajectory)
+            if not rejection:
+                return Session(bench_model, motion_profile, solved, trajectory, redraws)
+        redraws[rejection] = redraws.get(rejection, 0) + 1
     redraws.pop(UNFIT_CATHETER, None)
     worst = max(redraws, key=lambda reason: redraws[reason])
     raise InputError(

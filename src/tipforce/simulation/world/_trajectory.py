@@ -48,6 +48,7 @@ class Trajectory:
         contact, wall = self.contact, self.contact.wall
         nodes = contact.rod.nodes_m(contact.quaternions[rows], contact.advance_m[rows])[:, 1:-1]
         normal = np.asarray(wall.normal)
+        # The mean of the touching nodes, weighted by their depth in the tissue (their force is proportional to it).
         depth = np.maximum((nodes - self.wall_m[rows, None]) @ normal + self.radius_m, 0.0)
         total = depth.sum(axis=1, keepdims=True)
         centre = (depth[..., None] * nodes).sum(axis=1) / np.maximum(total, 1e-30)
@@ -60,25 +61,15 @@ def _drives(
     """Makes the drives of clamp, knob, and the stage's two axes; their programme is the session without commands."""
     dt = float(motion_profile.time_s[1] - motion_profile.time_s[0])
     clamp, knob, motion = settings.clamp, settings.knob_drive, settings.motion
+    # Without commands nothing moves the clamp, and a hand moves the knob; motors drive the stage.
     clamp_axis, stage_axis = (
-        AxisModel(
-            axis.step_m,
-            axis.max_speed_m_per_s,
-            axis.max_acceleration_m_per_s2,
-            axis.delay_s,
-            axis.lag_s,
-            *axis.travel_m,
-        )
-        for axis in (clamp, motion)
+        AxisModel(ax.step_m, ax.max_speed_m_per_s, ax.max_acceleration_m_per_s2, ax.delay_s, ax.lag_s, *ax.travel_m)
+        for ax in (clamp, motion)
     )
     knob_axis = AxisModel(
-        knob.step_deg,
-        knob.max_speed_deg_per_s,
-        knob.max_acceleration_deg_per_s2,
-        knob.delay_s,
-        knob.lag_s,
+        knob.step_deg, knob.max_speed_deg_per_s, knob.max_acceleration_deg_per_s2, knob.delay_s, knob.lag_s,
         *knob.travel_deg,
-    )
+    )  # fmt: skip
     return (
         Drive(clamp_axis, dt, np.zeros(motion_profile.time_s.size), by_hand=True),
         Drive(knob_axis, dt, motion_profile.knob_deg, by_hand=True),
@@ -108,6 +99,7 @@ class TrajectoryIntegrator:
     """
 
     def __init__(self, bench_model: BenchModel, motion_profile: MotionProfile, motion: Motion, every: int = 1) -> None:
+        """Makes drives and contact solver, and allocates the rows of the trajectory, which `advance` fills."""
         settings = bench_model.settings
         self.bench_model, self._motion_profile, self._every = bench_model, motion_profile, every
         self.drives = self.clamp, self.knob, self.forward, self.across = _drives(
@@ -162,36 +154,40 @@ class TrajectoryIntegrator:
         curvature = trajectory.curvature_per_m[solved]
         zero = np.zeros(curvature.size)
         contact = self._solver.run(
-            trajectory.wall_m[solved],
-            np.stack([zero, zero, curvature], axis=1),
-            trajectory.advance_m[solved],
+            trajectory.wall_m[solved], np.stack([zero, zero, curvature], axis=1), trajectory.advance_m[solved]
         )
         for name in _ROWS:
             getattr(trajectory.contact, name)[solved] = getattr(contact, name)
         self.done = end
 
     def _transmitted(self, first: int, end: int) -> FloatArray:
-        """Returns (m,) angles of the knob behind its play: as planned until the knob's drive takes over."""
+        """Returns the knob's angles (end - first,) in degrees behind its play.
+
+        They are those of the profile until the knob's drive takes over; then the play continues from that angle.
+        """
         transmitted, taken = self._motion_profile.transmitted_deg[first:end], self.knob.taken_over
         if taken is None or taken >= end:
             return transmitted
         if self._play is None:
             first = max(first, taken)
-            before = float(self._motion_profile.transmitted_deg[max(0, first - 1)])
-            self._play = Play(self.bench_model.settings.actuation.play_deg, output=before)
-        own = self._play.run(self.trajectory.knob_deg[first:end])
-        return np.concatenate([transmitted[: transmitted.size - own.size], own])
+            last_planned = float(self._motion_profile.transmitted_deg[max(0, first - 1)])
+            self._play = Play(self.bench_model.settings.actuation.play_deg, output=last_planned)
+        driven = self._play.run(self.trajectory.knob_deg[first:end])
+        return np.concatenate([transmitted[: transmitted.size - driven.size], driven])
 
     def _update_acceleration(self) -> None:
-        """Computes the stage's acceleration by central differences: it is known two instants after the position."""
-        first, whole = self.final, self.done == self.trajectory.time_s.size
-        end = self.done if whole else self.done - 2
+        """Computes the stage's acceleration by two central differences, each of which needs the next instant.
+
+        So the acceleration is final two instants after the position; at the end of the session all of it is.
+        """
+        first, complete = self.final, self.done == self.trajectory.time_s.size
+        end = self.done if complete else self.done - 2
         start = max(0, first - 2)
         if end <= first or self.done - start < 2:
             return
         smooth = self._smooth[start : self.done]
-        twice = np.gradient(np.gradient(smooth, self._dt, axis=0), self._dt, axis=0)
-        self.trajectory.acceleration_m_per_s2[first:end] = self.bench_model.directed(twice[first - start : end - start])
+        second = np.gradient(np.gradient(smooth, self._dt, axis=0), self._dt, axis=0)[first - start : end - start]
+        self.trajectory.acceleration_m_per_s2[first:end] = self.bench_model.directed(second)
         self.final = end
 
 

@@ -31,7 +31,7 @@ class Patch:
 
     @classmethod
     def of(cls, shape: tuple[int, int], part: Part, values: FloatImage) -> "Patch":
-        """Makes a patch without the outer rows and columns whose values are all 0.
+        """Makes a patch; outer rows and columns whose values are all 0 are cut off, which saves time later.
 
         Args:
             shape: rows and columns of the canvas.
@@ -41,16 +41,16 @@ class Patch:
         Returns:
             The patch; it is empty if all values are 0.
         """
-        ends: list[slice] = []
+        sides: list[slice] = []
         for axis in (1, 0):
-            some = np.flatnonzero(values.any(axis=axis))
-            ends.append(slice(int(some[0]), int(some[-1]) + 1) if some.size else slice(0, 0))
-        rows, columns = ends
+            not_empty = np.flatnonzero(values.any(axis=axis))
+            sides.append(slice(int(not_empty[0]), int(not_empty[-1]) + 1) if not_empty.size else slice(0, 0))
+        rows, columns = sides
         (top, left), patch = (side.start for side in part), values[rows, columns]
         if not patch.size:
             return cls(shape, (slice(0, 0), slice(0, 0)), np.zeros((0, 0), np.float32))
-        found = slice(top + rows.start, top + rows.stop), slice(left + columns.start, left + columns.stop)
-        return cls(shape, found, patch)
+        found_part = slice(top + rows.start, top + rows.stop), slice(left + columns.start, left + columns.stop)
+        return cls(shape, found_part, patch)
 
     def around(self, reach: float) -> Part:
         """Returns the part with ``reach`` px more on every side, within the canvas."""
@@ -107,17 +107,23 @@ def multi_scale_noise(
         (h, w) noise of mean 0 and standard deviation 1.
     """
     h, w = shape
-    total, part = np.zeros(shape, np.float32), np.empty(shape, np.float32)
+    total, weighted = np.zeros(shape, np.float32), np.empty(shape, np.float32)
     for k, scale in enumerate(sorted(scales_px, reverse=True)):
-        rough = rng.standard_normal((int(h / scale) + 4, int(w / scale) + 4), np.float32)
-        large = (round(rough.shape[1] * scale), round(rough.shape[0] * scale))
-        smooth = cv2.resize(rough, large, interpolation=cv2.INTER_CUBIC)
-        v, u = int(rng.integers(0, large[1] - h + 1)), int(rng.integers(0, large[0] - w + 1))
-        total += np.multiply(smooth[v : v + h, u : u + w], np.float32(fall**k), out=part)
+        # A field of independent numbers is enlarged to its scale; a part of it at a random position is added.
+        numbers = rng.standard_normal((int(h / scale) + 4, int(w / scale) + 4), np.float32)
+        enlarged_size = (round(numbers.shape[1] * scale), round(numbers.shape[0] * scale))
+        smooth = cv2.resize(numbers, enlarged_size, interpolation=cv2.INTER_CUBIC)
+        top, left = int(rng.integers(0, enlarged_size[1] - h + 1)), int(rng.integers(0, enlarged_size[0] - w + 1))
+        total += np.multiply(smooth[top : top + h, left : left + w], np.float32(fall**k), out=weighted)
     mean, spread = total.mean(), total.std()
     total -= mean
     total /= spread
     return total
+
+
+def canvas_px(image_px: FloatArray) -> FloatArray:
+    """Converts image pixels to canvas pixels; the centres of both are at integers, so that their borders differ."""
+    return image_px * FINER + 0.5 * (FINER - 1)
 
 
 def soften(image: FloatImage, sigma: float) -> FloatImage:
@@ -139,19 +145,19 @@ def soften(image: FloatImage, sigma: float) -> FloatImage:
     return np.asarray(cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def band(start: FloatArray, end: FloatArray, half: float) -> FloatArray:
+def band(start: FloatArray, end: FloatArray, half_width: float) -> FloatArray:
     """Returns the corners of a straight band.
 
     Args:
         start: (2,) start of the band's middle line.
         end: (2,) its end.
-        half: half the width of the band, in the same unit.
+        half_width: half the width of the band, in the same unit.
 
     Returns:
         (4, 2) corners in order around the band.
     """
-    way = (end - start) / np.linalg.norm(end - start)
-    side = half * np.array([-way[1], way[0]])
+    direction = (end - start) / np.linalg.norm(end - start)
+    side = half_width * np.array([-direction[1], direction[0]])
     return np.stack([start - side, end - side, end + side, start + side])
 
 
@@ -206,7 +212,7 @@ class SceneCanvas:
             Share of each pixel that is covered.
         """
         mask = np.zeros(self.shape, np.uint8)
-        fixed = [np.round(points * 2**_SUBPIXEL).astype(np.int32)]
+        fixed = [np.round(points * 2**_SUBPIXEL).astype(np.int32)]  # OpenCV takes positions in 1/16 px as integers
         if closed:
             cv2.fillPoly(mask, fixed, 255, cv2.LINE_AA, _SUBPIXEL)
         else:
@@ -243,12 +249,7 @@ class SceneCanvas:
         return slice(v0, v1), slice(u0, u1)
 
     def lay(
-        self,
-        cover: Patch,
-        colour: Colour | FloatImage,
-        *,
-        height_m: float = 0.0,
-        shading: FloatImage | float = 1.0,
+        self, cover: Patch, colour: Colour | FloatImage, *, height_m: float = 0.0, shading: FloatImage | float = 1.0
     ) -> None:
         """Lays an object over the canvas, after its shadow if it is high.
 
@@ -277,14 +278,14 @@ class SceneCanvas:
             (rows, columns) factors of the colour in ``cover.part``, 0.3 to 1.9; 1 away from the edges.
         """
         part = cover.around(4.0 * width_px)
-        soft = soften(cover.within(part), max(0.8, width_px))
-        lean_u = cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=0.125) * np.float32(width_px * 2.5)
-        lean_v = cv2.Sobel(soft, cv2.CV_32F, 0, 1, scale=0.125) * np.float32(width_px * 2.5)
-        bright = np.ones(soft.shape, np.float32)
+        blurred = soften(cover.within(part), max(0.8, width_px))
+        slope_u = cv2.Sobel(blurred, cv2.CV_32F, 1, 0, scale=0.125) * np.float32(width_px * 2.5)
+        slope_v = cv2.Sobel(blurred, cv2.CV_32F, 0, 1, scale=0.125) * np.float32(width_px * 2.5)
+        brightness = np.ones(blurred.shape, np.float32)
         for lamp in self.scene.light.lamps:
-            # A surface that falls away to the right leans to the right: its outline's gradient points the other way.
-            bright -= np.float32(lamp.strength) * (lean_u * lamp.direction[0] + lean_v * lamp.direction[1])
-        return np.clip(bright[cover.seen_from(part)], 0.3, 1.9)
+            # At a right edge the blurred cover falls to the right while the surface faces right: hence the minus.
+            brightness -= np.float32(lamp.strength) * (slope_u * lamp.direction[0] + slope_v * lamp.direction[1])
+        return np.clip(brightness[cover.seen_from(part)], 0.3, 1.9)
 
     def darken(self, cover: Patch, height_m: float) -> None:
         """Casts the shadows of an object.
@@ -293,21 +294,21 @@ class SceneCanvas:
             cover: share of each pixel that the object covers.
             height_m: height of the object.
         """
-        soft = max(0.6, self.scene.shadow_sigma_m(height_m) * self.px_per_m)
-        corner = max(1.0, 0.5 * height_m * self.px_per_m)
-        falls = self.scene.shadow_falls_m(height_m)
-        farthest = max((abs(x) for right, down, _ in falls for x in (right, down)), default=0.0) * self.px_per_m
-        part = cover.around(max(farthest + 3.0 * soft, 3.0 * corner))
-        near = cover.within(part)
-        left = np.ones(near.shape, np.float32)
-        for right_m, down_m, strength in falls:
+        blur_px = max(0.6, self.scene.shadow_sigma_m(height_m) * self.px_per_m)
+        seam_px = max(1.0, 0.5 * height_m * self.px_per_m)  # width of the dark seam at the foot of the object
+        shadows = self.scene.shadow_falls_m(height_m)
+        farthest = max((abs(x) for right, down, _ in shadows for x in (right, down)), default=0.0) * self.px_per_m
+        part = cover.around(max(farthest + 3.0 * blur_px, 3.0 * seam_px))
+        cover_here = cover.within(part)
+        passing_light = np.ones(cover_here.shape, np.float32)
+        for right_m, down_m, strength in shadows:
             shift = np.array([[1, 0, right_m * self.px_per_m], [0, 1, down_m * self.px_per_m]], np.float32)
-            moved = cv2.warpAffine(near, shift, near.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
-            left *= 1.0 - np.float32(strength) * soften(np.asarray(moved, np.float32), soft)
+            shadow = cv2.warpAffine(cover_here, shift, cover_here.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+            passing_light *= 1.0 - np.float32(strength) * soften(np.asarray(shadow, np.float32), blur_px)
         # Ambient light does not reach the corner at the foot of the object either.
-        left *= 1.0 - np.float32(0.25) * soften(near, corner)
-        self.levels[part] *= left[..., None]
-        self.transmittance[part] *= left
+        passing_light *= 1.0 - np.float32(0.25) * soften(cover_here, seam_px)
+        self.levels[part] *= passing_light[..., None]
+        self.transmittance[part] *= passing_light
         self.changed.append(part)
 
     def fade(self, opacity: float) -> None:
@@ -317,14 +318,14 @@ class SceneCanvas:
 
     def seen(self, sigma_px: float) -> tuple[FloatImage, FloatImage]:
         """Returns levels (3, h, w) and free share of the view (h, w), at the image's size, blurred by ``sigma_px``."""
-        # The shrinking is itself a blur: a mean over FINER canvas pixels.
-        rest = max(0.0, (sigma_px * FINER) ** 2 - (FINER**2 - 1) / 12.0) ** 0.5
+        # The shrinking is itself a blur: a mean over FINER canvas pixels, of variance (FINER^2 - 1) / 12.
+        remaining_blur_px = max(0.0, (sigma_px * FINER) ** 2 - (FINER**2 - 1) / 12.0) ** 0.5
         size = (self.transmittance.shape[1] // FINER, self.transmittance.shape[0] // FINER)
-        small = [
-            np.asarray(cv2.resize(soften(plane, rest), size, interpolation=cv2.INTER_AREA), np.float32)
+        shrunk = [
+            np.asarray(cv2.resize(soften(plane, remaining_blur_px), size, interpolation=cv2.INTER_AREA), np.float32)
             for plane in (self.levels, self.transmittance)
         ]
-        return np.ascontiguousarray(small[0].transpose(2, 0, 1)), small[1]
+        return np.ascontiguousarray(shrunk[0].transpose(2, 0, 1)), shrunk[1]
 
 
 Box = tuple[int, int, int, int]

@@ -16,7 +16,7 @@ from ....types import FloatArray, Image
 from .._exposure import TissueState, sample_exposure
 from ._canvas import Box
 from ._static_layers import StaticLayers
-from ._tube_kernels import add_shadow, add_tube
+from ._tube_kernels import add_shadow
 from ._tube_model import Tube, TubeNodes, instrument_shape
 
 FloatImage = npt.NDArray[np.float32]
@@ -50,22 +50,22 @@ def cast(clean: FloatImage, shade: FloatImage, coarse: int, box: Box) -> None:
     """
     one = np.float32(1.0)
     rows, columns = shade.shape
-    blend = np.empty(columns, np.float32)
-    left = np.empty(box[3] - box[2], np.float32)
+    shade_row = np.empty(columns, np.float32)  # a row of the shadow, interpolated between two coarse rows
+    passing = np.empty(box[3] - box[2], np.float32)
     for v in range(box[0], box[1]):
-        y = min(max((v + 0.5) / coarse - 0.5, 0.0), rows - 1.001)
-        y0 = int(y)
-        fy = np.float32(y - y0)
+        coarse_v = min(max((v + 0.5) / coarse - 0.5, 0.0), rows - 1.001)
+        row_above = int(coarse_v)
+        row_share = np.float32(coarse_v - row_above)
         for x in range(columns):
-            blend[x] = shade[y0, x] + (shade[y0 + 1, x] - shade[y0, x]) * fy
-        for i in range(left.size):
+            shade_row[x] = shade[row_above, x] + (shade[row_above + 1, x] - shade[row_above, x]) * row_share
+        for i in range(passing.size):
             x = min(max((box[2] + i + 0.5) / coarse - 0.5, 0.0), columns - 1.001)
-            x0 = int(x)
-            left[i] = one - (blend[x0] + (blend[x0 + 1] - blend[x0]) * np.float32(x - x0))
+            low = int(x)
+            passing[i] = one - (shade_row[low] + (shade_row[low + 1] - shade_row[low]) * np.float32(x - low))
         for k in range(clean.shape[0]):
             row = clean[k, v, box[2] : box[3]]
-            for i in range(left.size):
-                row[i] *= left[i]
+            for i in range(passing.size):
+                row[i] *= passing[i]
     shade[:] = np.float32(0.0)
 
 
@@ -100,16 +100,19 @@ def lay_foreground(clean: FloatImage, front: FloatImage, box: Box) -> None:
     """
     c = clean.shape[0]
     for v in range(box[0], box[1]):
-        left = front[c, v, box[2] : box[3]]
+        transmittance = front[c, v, box[2] : box[3]]
         for k in range(c):
-            row, own = clean[k, v, box[2] : box[3]], front[k, v, box[2] : box[3]]
+            row, layer = clean[k, v, box[2] : box[3]], front[k, v, box[2] : box[3]]
             for u in range(row.size):
-                row[u] = row[u] * left[u] + own[u]
+                row[u] = row[u] * transmittance[u] + layer[u]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _half(shift: float) -> tuple[int, int, int, int, np.float32]:
-    """Returns phase and whole px of the two neighbours of a shift in a half-pixel grid, and the second's weight."""
+    """Returns for a shift in px: phase (0: whole, 1: half) and whole px of both neighbours, and the second's weight.
+
+    The neighbours are the next smaller and the next larger multiple of half a pixel.
+    """
     doubled = 2.0 * shift
     low = math.floor(doubled)
     first, second = int(low), int(low) + 1
@@ -128,7 +131,11 @@ def _gather(
     weight: np.float32,
     rows: FloatImage,
 ) -> None:
-    """Adds ``weight`` times ``planes`` of ``sprite`` for columns [``lows``, ``highs``) of row ``v`` to ``rows``."""
+    """Adds a part of a row of the sprite, moved by (``du``, ``dv``) px, to ``rows`` (c + 1, w), times ``weight``.
+
+    The planes from ``planes[0]`` to ``planes[1]`` (exclusive) are interpolated between half pixels for the columns
+    [``lows``, ``highs``) of row ``v`` of the image. ``sprite``: see `lay_moving`.
+    """
     if highs <= lows:
         return
     py0, y0, py1, y1, fy = _half(dv)
@@ -138,13 +145,13 @@ def _gather(
     w10, w11 = weight * fy * (one - fx), weight * fy * fx
     size = highs - lows
     for k in range(planes[0], planes[1]):
-        a = sprite[py0, px0, k, v + y0, lows + x0 : lows + x0 + size]
-        b = sprite[py0, px1, k, v + y0, lows + x1 : lows + x1 + size]
-        e = sprite[py1, px0, k, v + y1, lows + x0 : lows + x0 + size]
-        f = sprite[py1, px1, k, v + y1, lows + x1 : lows + x1 + size]
+        at_00 = sprite[py0, px0, k, v + y0, lows + x0 : lows + x0 + size]
+        at_01 = sprite[py0, px1, k, v + y0, lows + x1 : lows + x1 + size]
+        at_10 = sprite[py1, px0, k, v + y1, lows + x0 : lows + x0 + size]
+        at_11 = sprite[py1, px1, k, v + y1, lows + x1 : lows + x1 + size]
         row = rows[k, lows:highs]
         for u in range(size):
-            row[u] += w00 * a[u] + w01 * b[u] + w10 * e[u] + w11 * f[u]
+            row[u] += w00 * at_00[u] + w01 * at_01[u] + w10 * at_10[u] + w11 * at_11[u]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -160,9 +167,13 @@ def _gather_indented(
     middle: FloatArray,
     indentation: FloatArray,
 ) -> None:
-    """Does the same as `_gather` for an indented sprite; ``middle`` and ``indentation``: see `lay_moving`."""
+    """Does the same as `_gather`, for all planes, where the tip has pushed the sprite's surface in.
+
+    The surface moves by a Gaussian of the distance from ``middle``; deeper in the tissue the movement fades in the same
+    way. ``middle`` (2,) and ``indentation`` (4,): see `lay_moving`; the other arguments: see `_gather`.
+    """
     for u in range(lows, highs):
-        ru, rv = u - middle[0], v - middle[1]
+        ru, rv = u - middle[0], v - middle[1]  # px; `deep` and `side` are its parts into the tissue and across
         deep = ru * indentation[0] + rv * indentation[1]
         side = ru * indentation[1] - rv * indentation[0]
         push = indentation[2] * math.exp(-(side**2 + max(0.0, deep) ** 2) / indentation[3] ** 2)
@@ -207,19 +218,20 @@ def lay_moving(
     reach = 2.5 * indentation[3] + indentation[2]
     ends = np.empty((2, 2), np.int64)
     for v in range(h):
+        # Columns of this row that the sprite covers at any instant: all its content, and its content with own light.
         ends[:, 0], ends[:, 1] = w, 0
         for m in range(count):
-            at = min(max(math.floor(v + shifts[m, 1]), 0), high_row)
-            for y in range(at, at + 2):
+            sprite_row = min(max(math.floor(v + shifts[m, 1]), 0), high_row)
+            for y in range(sprite_row, sprite_row + 2):
                 for part in range(2):
                     start, stop = spans[y, 2 * part], spans[y, 2 * part + 1]
                     if stop > start:
                         ends[part, 0] = min(ends[part, 0], math.floor(start - shifts[m, 0]) - 2)
                         ends[part, 1] = max(ends[part, 1], math.floor(stop - shifts[m, 0]) + 3)
-        pushed = False
+        indented = False
         if indentation[2] > 0.0:
             for m in range(count):
-                pushed = pushed or abs(v - middle[m, 1]) < reach
+                indented = indented or abs(v - middle[m, 1]) < reach
         lows, highs = max(ends[0, 0], 0), min(ends[0, 1], w)
         for m in range(count):
             # Outside of the sprite there is nothing: the sprite's border is as empty or as full as its margin.
@@ -233,16 +245,16 @@ def lay_moving(
         for m in range(count):
             du, dv = shifts[m, 0], shifts[m, 1]
             first, last = highs, highs
-            if pushed:
+            if indented:
                 first = min(max(int(middle[m, 0] - reach), lows), highs)
                 last = min(max(int(middle[m, 0] + reach), first), highs)
                 _gather_indented(sprite, v, first, last, du, dv, weight, rows, middle[m], indentation)
             # Where there is shadow only, there is no light of the sprite's own to gather.
-            own, end = max(lows, ends[1, 0]), min(highs, ends[1, 1])
+            lit_low, lit_high = max(lows, ends[1, 0]), min(highs, ends[1, 1])
             _gather(sprite, (c, c + 1), v, lows, first, du, dv, weight, rows)
             _gather(sprite, (c, c + 1), v, last, highs, du, dv, weight, rows)
-            _gather(sprite, (0, c), v, own, min(first, end), du, dv, weight, rows)
-            _gather(sprite, (0, c), v, max(last, own), end, du, dv, weight, rows)
+            _gather(sprite, (0, c), v, lit_low, min(first, lit_high), du, dv, weight, rows)
+            _gather(sprite, (0, c), v, max(last, lit_low), lit_high, du, dv, weight, rows)
         _lay_row(clean, light, rows, v, lows, highs)
         dirty[0], dirty[1] = min(dirty[0], v), max(dirty[1], v + 1)
         dirty[2], dirty[3] = min(dirty[2], lows), max(dirty[3], highs)
@@ -250,12 +262,13 @@ def lay_moving(
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _lay_row(clean: FloatImage, light: FloatImage, rows: FloatImage, v: int, lows: int, highs: int) -> None:
+    """Composes columns [``lows``, ``highs``) of one gathered row (c + 1, w) over row ``v`` of the image."""
     c = clean.shape[0]
-    lit, left = light[v, lows:highs], rows[c, lows:highs]
+    lit, transmittance = light[v, lows:highs], rows[c, lows:highs]
     for k in range(c):
-        row, own = clean[k, v, lows:highs], rows[k, lows:highs]
+        row, layer = clean[k, v, lows:highs], rows[k, lows:highs]
         for u in range(row.size):
-            row[u] = row[u] * left[u] + own[u] * lit[u]
+            row[u] = row[u] * transmittance[u] + layer[u] * lit[u]
 
 
 _TUBE_STEP_PX, _TISSUE_STEP_PX = 1.0, 1.3
@@ -294,28 +307,28 @@ def compose(
         tissue: position of the tissue; None: no tissue is drawn.
         time_s: time that determines the sway of the second instrument.
     """
-    restore(buffers.clean, layers.ground, buffers.dirty)
+    restore(buffers.clean, layers.ground, buffers.dirty)  # only the part that the last frame changed
     dirty = _NOTHING
     scene, camera, focus = layers.scene, layers.camera, layers.focus
     shapes = sample_exposure(shapes_m, _count(shapes_m, _TUBE_STEP_PX / layers.px_per_m))
     nodes = layers.catheter.nodes(shapes, camera, focus)
     dirty = _union(dirty, _cast_shadows(layers, buffers, nodes, scene.ground.depth_m))
     second, instrument = layers.second, scene.instrument
-    other: TubeNodes | None = None
+    second_nodes: TubeNodes | None = None
     if second is not None and instrument is not None:
-        other = second.nodes(instrument_shape(scene, instrument, time_s)[None], camera, focus)
-        high = scene.ground.depth_m + instrument_shape(scene, instrument, 0.0)[0, 2]
-        dirty = _union(dirty, _cast_shadows(layers, buffers, other, high))
+        second_nodes = second.nodes(instrument_shape(scene, instrument, time_s)[None], camera, focus)
+        depth_below_m = scene.ground.depth_m + instrument_shape(scene, instrument, 0.0)[0, 2]
+        dirty = _union(dirty, _cast_shadows(layers, buffers, second_nodes, depth_below_m))
         if not instrument.in_front:
-            dirty = _union(dirty, _lay_tube(layers, buffers, second, other))
-    over = scene.tissue.over_tip
-    if layers.phantom is not None and tissue is not None and not over:
+            dirty = _union(dirty, _lay_tube(layers, buffers, second, second_nodes))
+    tissue_over_tip = scene.tissue.over_tip
+    if layers.phantom is not None and tissue is not None and not tissue_over_tip:
         dirty = _union(dirty, lay_phantom(buffers.clean, layers, layers.phantom.sprite, tissue))
     dirty = _union(dirty, _lay_tube(layers, buffers, layers.catheter, nodes))
-    if layers.phantom is not None and tissue is not None and over:
+    if layers.phantom is not None and tissue is not None and tissue_over_tip:
         dirty = _union(dirty, lay_phantom(buffers.clean, layers, layers.phantom.sprite, tissue))
-    if second is not None and other is not None and instrument is not None and instrument.in_front:
-        dirty = _union(dirty, _lay_tube(layers, buffers, second, other))
+    if second is not None and second_nodes is not None and instrument is not None and instrument.in_front:
+        dirty = _union(dirty, _lay_tube(layers, buffers, second, second_nodes))
     if layers.foreground is not None:
         lay_foreground(buffers.clean, layers.foreground, layers.foreground_box)
         dirty = _union(dirty, layers.foreground_box)
@@ -333,23 +346,8 @@ def draw_tube(buffers: Buffers, tube: Tube, nodes: TubeNodes) -> Box:
     Returns:
         The part of the image that contains the tube.
     """
-    profile = tube.profile
-    for moment in nodes.nodes:
-        add_tube(
-            buffers.drawn,
-            moment,
-            1.0 / len(nodes.nodes),
-            profile.table,
-            profile.half_width_px,
-            profile.reach_px,
-            tube.blurs,
-            nodes.start_m,
-            nodes.step_m,
-            tube.along,
-            tube.blunt,
-            tube.braid,
-        )
-    return _box_around(nodes.nodes, profile.reach_px * 1.1 + 2.0, np.zeros(2), buffers.shade.shape)
+    tube.draw(buffers.drawn, nodes)
+    return _box_around(nodes.nodes, tube.profile.reach_px * 1.1 + 2.0, np.zeros(2), buffers.shade.shape)
 
 
 def lay_phantom(clean: FloatImage, layers: StaticLayers, sprite: FloatImage, tissue: TissueState) -> Box:
@@ -371,10 +369,11 @@ def lay_phantom(clean: FloatImage, layers: StaticLayers, sprite: FloatImage, tis
         tissue.shift_m[:, None], _count(tissue.shift_m[:, None], _TISSUE_STEP_PX / layers.px_per_m)
     )[:, 0]
     moved = layers.camera.project(phantom.home_m + shift) - home
-    indentation = np.array([*phantom.into_px, 0.0, 1.0])
+    indentation = np.array([*phantom.into_px, 0.0, 1.0])  # depth 0: none
     middle = np.zeros((len(moved), 2))
     if tissue.indentation_m > 0.0 and tissue.touch_m is not None and not layers.scene.tissue.over_tip:
         indentation[2] = tissue.indentation_m * phantom.px_per_m
+        # The indentation is wider than the tip, the more so the deeper it is.
         indentation[3] = 1.2 * layers.scene.catheter.radius_m * phantom.px_per_m + 0.7 * indentation[2]
         middle[:] = layers.camera.project(tissue.touch_m[None])[0]
     dirty = np.array([clean.shape[1], 0, clean.shape[2], 0])
@@ -385,8 +384,8 @@ def lay_phantom(clean: FloatImage, layers: StaticLayers, sprite: FloatImage, tis
 
 def _count(shapes_m: FloatArray, step_m: float) -> int:
     """Instants that motion blur needs for ``shapes_m`` (m, n, 3) to be no farther apart than ``step_m``."""
-    way = float(np.abs(np.diff(shapes_m, axis=0)).max(axis=(1, 2), initial=0.0).sum())
-    return 1 if way < 0.25 * step_m else min(_MOST_INSTANTS, max(2, math.ceil(way / step_m)))
+    distance_m = float(np.abs(np.diff(shapes_m, axis=0)).max(axis=(1, 2), initial=0.0).sum())
+    return 1 if distance_m < 0.25 * step_m else min(_MOST_INSTANTS, max(2, math.ceil(distance_m / step_m)))
 
 
 def _lay_tube(layers: StaticLayers, buffers: Buffers, tube: Tube, nodes: TubeNodes) -> Box:
@@ -396,21 +395,24 @@ def _lay_tube(layers: StaticLayers, buffers: Buffers, tube: Tube, nodes: TubeNod
 
 
 def _cast_shadows(layers: StaticLayers, buffers: Buffers, nodes: TubeNodes, depth_m: float) -> Box:
-    """Casts the tube's shadows on the ground ``depth_m`` below it; they are soft: mid-exposure serves for all of it."""
+    """Casts the tube's shadows on the ground ``depth_m`` below it; returns the part of the image that they change.
+
+    The shadows are soft: the tube's position at mid-exposure is enough, without motion blur.
+    """
     middle = nodes.nodes[len(nodes.nodes) // 2]
     dirty = _NOTHING
-    sigma = max(0.8, math.hypot(layers.scene.shadow_sigma_m(depth_m) * layers.px_per_m, middle[-1, 7]))
-    # The softer a shadow, the coarser it may be drawn.
-    coarse = min(16, max(1, int(sigma / 3.0)))
+    sigma_px = max(0.8, math.hypot(layers.scene.shadow_sigma_m(depth_m) * layers.px_per_m, middle[-1, 7]))
+    # The softer a shadow, the coarser the pixels (of ``coarse`` image pixels) in which it may be drawn.
+    coarse = min(16, max(1, int(sigma_px / 3.0)))
     h, w = buffers.shade.shape
     shade = buffers.shade[: -(-h // coarse) + 1, : -(-w // coarse) + 1]
-    small = middle.copy()
-    small[:, :2] = (middle[:, :2] + 0.5) / coarse - 0.5
-    small[:, 4:] /= coarse
+    coarse_nodes = middle.copy()  # the nodes in coarse pixels
+    coarse_nodes[:, :2] = (middle[:, :2] + 0.5) / coarse - 0.5
+    coarse_nodes[:, 4:] /= coarse
     for right_m, down_m, strength in layers.scene.shadow_falls_m(depth_m):
-        fall = np.array([right_m, down_m]) * layers.px_per_m
-        add_shadow(shade, small, fall / coarse, sigma / coarse, strength)
-        box = _box_around(middle[None], middle[-1, 6] + 3.0 * sigma + 2.0 * coarse + 2.0, fall, (h, w))
+        fall_px = np.array([right_m, down_m]) * layers.px_per_m
+        add_shadow(shade, coarse_nodes, fall_px / coarse, sigma_px / coarse, strength)
+        box = _box_around(middle[None], middle[-1, 6] + 3.0 * sigma_px + 2.0 * coarse + 2.0, fall_px, (h, w))
         cast(buffers.clean, shade, coarse, box)
         dirty = _union(dirty, box)
     return dirty

@@ -45,6 +45,7 @@ class CameraRenderer:
         width: int = 640,
         height: int = 480,
     ) -> None:
+        """Paints all that does not move."""
         self.scene = scene
         self.camera = scene.camera(width, height) if camera is None else camera
         self._layers = make_static_layers(scene, self.camera, length_m, tissue, width, height)
@@ -69,11 +70,8 @@ class CameraRenderer:
         if self.scene.pipeline is not None:
             return develop(buffers.clean, self.scene.pipeline, noise, key, self._layers.gauss)
         add_noise(buffers.clean, key, self._layers.gauss, noise.grey_per_electron, noise.read_grey, buffers.planes)
-        return (
-            buffers.planes[0].copy()
-            if len(buffers.planes) == 1
-            else np.asarray(cv2.merge(list(buffers.planes)), np.uint8)
-        )
+        planes = buffers.planes
+        return planes[0].copy() if len(planes) == 1 else np.asarray(cv2.merge(list(planes)), np.uint8)
 
     def clean(
         self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0
@@ -88,12 +86,8 @@ class CameraRenderer:
         Returns:
             (h, w, 3) or (h, w) grey levels, neither rounded nor clipped.
         """
-        buffers = self._composed(shapes_m, tissue, time_s)
-        return (
-            buffers.clean[0].copy()
-            if len(buffers.clean) == 1
-            else np.asarray(cv2.merge(list(buffers.clean)), np.float32)
-        )
+        planes = self._composed(shapes_m, tissue, time_s).clean
+        return planes[0].copy() if len(planes) == 1 else np.asarray(cv2.merge(list(planes)), np.float32)
 
     def truth(self, shapes_m: FloatArray, tissue: TissueState | None = None, *, time_s: float = 0.0) -> ImageTruth:
         """Returns the visible catheter in the image that `render` draws of the same arguments.
@@ -137,19 +131,19 @@ def image_truth(
     """
     shape = sample_exposure(shapes_m, 1)
     h, w = layers.light.shape
-    left = _left_in_front(layers, buffers, tissue, time_s)
+    passing = _left_in_front(layers, buffers, tissue, time_s)
     box = draw_tube(buffers, layers.catheter, layers.catheter.nodes(shape, layers.camera, layers.focus))
     rows, columns = slice(box[0], box[1]), slice(box[2], box[3])
     mask = np.zeros((h, w), np.bool_)
-    mask[rows, columns] = (buffers.drawn[rows, columns, 0] > 0.5) & (left[rows, columns] > 0.5)
+    mask[rows, columns] = (buffers.drawn[rows, columns, 0] > 0.5) & (passing[rows, columns] > 0.5)
     buffers.drawn[rows, columns] = 0.0
     centreline = layers.camera.project(shape[0])
-    near = np.rint(np.nan_to_num(centreline, nan=-9.0)).astype(int)
-    inside = (near >= 0) & (near < (w, h))
+    nearest_px = np.rint(np.nan_to_num(centreline, nan=-9.0)).astype(int)
+    inside = (nearest_px >= 0) & (nearest_px < (w, h))
     visible = inside[:, 0] & inside[:, 1]
-    visible[visible] = left[near[visible, 1], near[visible, 0]] > 0.5
+    visible[visible] = passing[nearest_px[visible, 1], nearest_px[visible, 0]] > 0.5
     weight = np.ones(len(visible))
-    weight[[0, -1]] = 0.5
+    weight[[0, -1]] = 0.5  # an end node has half a step of the length
     return ImageTruth(mask, centreline, visible, float(visible @ weight / weight.sum()))
 
 
@@ -158,17 +152,18 @@ def _left_in_front(
 ) -> npt.NDArray[np.float32]:
     """Returns the share (h, w) of the catheter's light that passes the objects in front of it."""
     scene = layers.scene
-    left = np.ones(layers.light.shape, np.float32) if layers.foreground is None else layers.foreground[-1].copy()
+    passing = np.ones(layers.light.shape, np.float32) if layers.foreground is None else layers.foreground[-1].copy()
     instrument, second = scene.instrument, layers.second
     if second is not None and instrument is not None and instrument.in_front:
         shape = instrument_shape(scene, instrument, time_s)[None]
         box = draw_tube(buffers, second, second.nodes(shape, layers.camera, layers.focus))
         rows, columns = slice(box[0], box[1]), slice(box[2], box[3])
-        left[rows, columns] *= 1.0 - np.clip(buffers.drawn[rows, columns, 0], 0.0, 1.0)
+        passing[rows, columns] *= 1.0 - np.clip(buffers.drawn[rows, columns, 0], 0.0, 1.0)
         buffers.drawn[rows, columns] = 0.0
     if layers.phantom is not None and tissue is not None and scene.tissue.over_tip:
+        # A sprite without own light: composed over ``left``, it leaves the share that passes the tissue.
         sprite = layers.phantom.sprite[:, :, -1:].repeat(2, axis=2)
         sprite[:, :, 0] = 0.0
         still = TissueState(sample_exposure(tissue.shift_m[:, None], 1)[:, 0])
-        lay_phantom(left[None], layers, sprite, still)
-    return left
+        lay_phantom(passing[None], layers, sprite, still)
+    return passing

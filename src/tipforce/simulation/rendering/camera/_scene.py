@@ -348,13 +348,14 @@ class Lens:
         scale = self.scale_m_per_px * 640.0 / width
         centre = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
         origin = np.array([-0.5, centre[1]]) + np.array(self.base_at_m) / scale
-        square = CameraModel.facing(
+        upright = CameraModel.facing(
             BasePose(origin, self.base_turn_rad), scale, self.distance_m, centre, self.distortion
         )
-        about = np.array([0.0, 0.0, self.distance_m])
+        # The camera turns about the point that it faces, at the middle of the image.
+        pivot = np.array([0.0, 0.0, self.distance_m])
         turn = Pose.from_euler([self.pitch_rad, self.yaw_rad, 0.0], np.zeros(3))
-        held = Pose(turn.rotation, about - turn.rotate(about))
-        return square.seen_from(held @ square.camera_from_world)
+        about_pivot = Pose(turn.rotation, pivot - turn.rotate(pivot))
+        return upright.seen_from(about_pivot @ upright.camera_from_world)
 
 
 @dataclass(frozen=True, slots=True)
@@ -412,7 +413,10 @@ class CameraScene:
         return self.lens.camera(width, height)
 
     def shadow_falls_m(self, depth_m: float) -> list[tuple[float, float, float]]:
-        """Returns for each lamp the shift (right, down) of the shadow of an object ``depth_m`` above, and strength."""
+        """Returns for each lamp (right, down, strength): shift in m of the shadow of an object ``depth_m`` above it.
+
+        The strength is the share of all light on the ground that this lamp sends and that the shadow lacks.
+        """
         light = self.light
         facing = light.ambient + sum(lamp.strength * lamp.direction[2] for lamp in light.lamps)
         falls: list[tuple[float, float, float]] = []

@@ -1,6 +1,6 @@
 """The settings of a simulated camera session, and the scene that is drawn from them.
 
-A range is (low, high): one uniform draw a session.
+A range is (low, high): one uniform draw a session. Ranges in the code itself are usual values, the same in all presets.
 """
 
 import math
@@ -125,59 +125,24 @@ class SceneRanges(Settings):
 BENCH_2021 = SceneRanges()
 """The thesis's bench."""
 GENERALISE = SceneRanges(
-    light=(0.6, 1.4),
-    light_gradient=(0.0, 0.50),
-    light_spot=(0.0, 0.30),
-    vignetting=(0.02, 0.34),
-    lamps=(1, 3),
-    lamp_elevation_deg=(25.0, 85.0),
-    lamp_size_deg=(1.0, 30.0),
-    ambient=(0.20, 0.85),
-    grounds=("board", "cloth", "paper", "breadboard"),
-    ground_grey=(120.0, 230.0),
-    ground_tint=0.10,
-    ground_texture_grey=(1.0, 10.0),
-    ground_lines_grey=(6.0, 55.0),
-    ground_depth_m=(4e-3, 60e-3),
-    objects=(2, 10),
-    objects_clear_m=(-12e-3, 12e-3),
-    blur_px=(0.6, 2.0),
-    noise_grey=(1.0, 8.0),
-    shaft_grey=(20.0, 85.0),
-    shaft_tint=0.5,
-    metal_grey=(85.0, 195.0),
-    gloss_grey=(0.0, 180.0),
-    gloss_sharpness=(8.0, 160.0),
-    rim_grey=(0.0, 80.0),
-    wear=(0.0, 0.16),
-    tissue_over_tip=0.25,
-    second_instrument=1 / 3,
-    hidden_share=(0.0, 0.20),
-)
+    light=(0.6, 1.4), light_gradient=(0.0, 0.50), light_spot=(0.0, 0.30), vignetting=(0.02, 0.34),
+    lamps=(1, 3), lamp_elevation_deg=(25.0, 85.0), lamp_size_deg=(1.0, 30.0), ambient=(0.20, 0.85),
+    grounds=("board", "cloth", "paper", "breadboard"), ground_grey=(120.0, 230.0), ground_tint=0.10,
+    ground_texture_grey=(1.0, 10.0), ground_lines_grey=(6.0, 55.0), ground_depth_m=(4e-3, 60e-3),
+    objects=(2, 10), objects_clear_m=(-12e-3, 12e-3), blur_px=(0.6, 2.0), noise_grey=(1.0, 8.0),
+    shaft_grey=(20.0, 85.0), shaft_tint=0.5, metal_grey=(85.0, 195.0), gloss_grey=(0.0, 180.0),
+    gloss_sharpness=(8.0, 160.0), rim_grey=(0.0, 80.0), wear=(0.0, 0.16), tissue_over_tip=0.25,
+    second_instrument=1 / 3, hidden_share=(0.0, 0.20),
+)  # fmt: skip
 """Light, ground, clutter, blur and noise twice as wide; parts of the shaft hidden; other instruments."""
 THESIS_PLAIN = SceneRanges(
-    light=(0.95, 1.05),
-    light_gradient=(0.0, 0.03),
-    light_spot=(0.0, 0.02),
-    vignetting=(0.0, 0.04),
-    lamps=(1, 1),
-    lamp_elevation_deg=(70.0, 85.0),
-    lamp_size_deg=(12.0, 18.0),
-    ambient=(0.90, 0.98),
-    grounds=("board",),
-    ground_grey=(205.0, 225.0),
-    ground_tint=0.02,
-    ground_texture_grey=(0.0, 0.5),
-    ground_lines_grey=(0.0, 0.0),
-    objects=(0, 0),
-    shaft_tint=0.1,
-    metal_grey=(30.0, 60.0),
-    gloss_grey=(0.0, 20.0),
-    rim_grey=(0.0, 15.0),
-    wear=(0.0, 0.02),
-    tissue_colours=((232, 226, 220), (226, 222, 214)),
-    carrier=False,
-)
+    light=(0.95, 1.05), light_gradient=(0.0, 0.03), light_spot=(0.0, 0.02), vignetting=(0.0, 0.04),
+    lamps=(1, 1), lamp_elevation_deg=(70.0, 85.0), lamp_size_deg=(12.0, 18.0), ambient=(0.90, 0.98),
+    grounds=("board",), ground_grey=(205.0, 225.0), ground_tint=0.02,
+    ground_texture_grey=(0.0, 0.5), ground_lines_grey=(0.0, 0.0), objects=(0, 0),
+    shaft_tint=0.1, metal_grey=(30.0, 60.0), gloss_grey=(0.0, 20.0), rim_grey=(0.0, 15.0), wear=(0.0, 0.02),
+    tissue_colours=((232, 226, 220), (226, 222, 214)), carrier=False,
+)  # fmt: skip
 """The image for which thesis algorithm 1 was written: dark shaft and tip, light even ground, light tissue, no more."""
 VARIED = GENERALISE.model_copy(
     update={
@@ -254,14 +219,16 @@ def _of(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
 
 
 def _lighting(ranges: SceneRanges, rng: np.random.Generator) -> Lighting:
+    """Draws the light; the lamps share the light that is not ambient in random parts."""
     ambient = _of(rng, ranges.ambient)
     count = int(rng.integers(ranges.lamps[0], ranges.lamps[1] + 1))
     shares = rng.uniform(0.3, 1.0, count)
     shares *= (1.0 - ambient) / shares.sum()
     lamps: list[Lamp] = []
     for share in shares:
-        up, turn = math.radians(_of(rng, ranges.lamp_elevation_deg)), rng.uniform(0.0, 2 * math.pi)
-        direction = (math.cos(up) * math.cos(turn), math.cos(up) * math.sin(turn), math.sin(up))
+        elevation_rad, azimuth_rad = math.radians(_of(rng, ranges.lamp_elevation_deg)), rng.uniform(0.0, 2 * math.pi)
+        across = math.cos(elevation_rad)
+        direction = (across * math.cos(azimuth_rad), across * math.sin(azimuth_rad), math.sin(elevation_rad))
         lamps.append(Lamp(direction, float(share)))
     return Lighting(
         level=_of(rng, ranges.light),
@@ -277,24 +244,26 @@ def _lighting(ranges: SceneRanges, rng: np.random.Generator) -> Lighting:
 
 
 def _lens(ranges: SceneRanges, rng: np.random.Generator) -> Lens:
+    """Draws position and sharpness of the camera; the catheter enters in the middle of the base's side, nearly."""
     scale = _of(rng, ranges.scale_m_per_px)
-    half = {"left": 0.0, "right": 640.0, "top": 320.0, "bottom": 320.0}[ranges.base_side] * scale
-    down = {"left": 0.0, "right": 0.0, "top": -240.0, "bottom": 240.0}[ranges.base_side] * scale
-    turn = _TURNS[ranges.base_side]
-    shift = rng.uniform(*ranges.base_shift_m, 2)
+    # Middle of the base's side, right and down from the middle of the left border of an image of 640 x 480 px.
+    right_m = {"left": 0.0, "right": 640.0, "top": 320.0, "bottom": 320.0}[ranges.base_side] * scale
+    down_m = {"left": 0.0, "right": 0.0, "top": -240.0, "bottom": 240.0}[ranges.base_side] * scale
+    tangent_rad = _TURNS[ranges.base_side]
+    shift_m = rng.uniform(*ranges.base_shift_m, 2)
     k1 = _of(rng, ranges.distortion_k1)
     p1, p2 = rng.uniform(*ranges.distortion_tangential, 2)
-    # A defocus that is large in the catheter's own plane must leave a lens that is sharp somewhere.
+    # The blur in the catheter's plane is given: at most 0.7 of it may come from defocus, the rest is the lens's own.
     blur, defocus = _of(rng, ranges.blur_px), _of(rng, ranges.defocus_px_per_m)
     sharpest = float(np.clip(_of(rng, ranges.sharpest_m), -0.7 * blur / defocus, 0.7 * blur / defocus))
     return Lens(
         scale_m_per_px=scale,
         distance_m=_of(rng, ranges.camera_distance_m),
         base_at_m=(
-            half + ranges.base_inset_m * math.cos(turn) + shift[0],
-            down - ranges.base_inset_m * math.sin(turn) + shift[1],
+            right_m + ranges.base_inset_m * math.cos(tangent_rad) + shift_m[0],
+            down_m - ranges.base_inset_m * math.sin(tangent_rad) + shift_m[1],
         ),
-        base_turn_rad=turn + math.radians(_of(rng, ranges.base_turn_deg)),
+        base_turn_rad=tangent_rad + math.radians(_of(rng, ranges.base_turn_deg)),
         yaw_rad=math.radians(_of(rng, ranges.yaw_deg)),
         pitch_rad=math.radians(_of(rng, ranges.pitch_deg)),
         distortion=(k1, 0.0, float(p1), float(p2), 0.0),
@@ -305,6 +274,7 @@ def _lens(ranges: SceneRanges, rng: np.random.Generator) -> Lens:
 
 
 def _ground(ranges: SceneRanges, rng: np.random.Generator) -> BackgroundAppearance:
+    """Draws kind, colour and texture of the table, its depth below the catheter, and the number of objects on it."""
     return BackgroundAppearance(
         kind=ranges.grounds[int(rng.integers(len(ranges.grounds)))],
         colour=tinted(rng, _of(rng, ranges.ground_grey), ranges.ground_tint),
@@ -317,8 +287,9 @@ def _ground(ranges: SceneRanges, rng: np.random.Generator) -> BackgroundAppearan
 
 
 def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) -> CatheterAppearance:
-    step = ranges.ring_m + ranges.ring_gap_m
-    first = ranges.electrode_m + ranges.ring_gap_m
+    """Draws colours, gloss and wear of a catheter with ``radius_m``; its rings are at fixed distances from the apex."""
+    pitch_m = ranges.ring_m + ranges.ring_gap_m
+    first_m = ranges.electrode_m + ranges.ring_gap_m
     finish = TubeFinish(
         shaft=tinted(rng, _of(rng, ranges.shaft_grey), ranges.shaft_tint),
         metal=tinted(rng, _of(rng, ranges.metal_grey), 0.04),
@@ -330,7 +301,7 @@ def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) ->
     return CatheterAppearance(
         radius_m=radius_m,
         electrode_m=ranges.electrode_m,
-        rings_m=tuple((first + k * step, first + k * step + ranges.ring_m) for k in range(ranges.rings)),
+        rings_m=tuple((first_m + k * pitch_m, first_m + k * pitch_m + ranges.ring_m) for k in range(ranges.rings)),
         finish=finish,
         seam=rng.uniform(0.2, 0.9),
         wear=_of(rng, ranges.wear),
@@ -338,6 +309,7 @@ def _catheter(ranges: SceneRanges, rng: np.random.Generator, radius_m: float) ->
 
 
 def _tissue(ranges: SceneRanges, rng: np.random.Generator) -> TissueAppearance:
+    """Draws colours and sizes of the tissue and of the parts that carry it; sizes in m, other values in grey levels."""
     colour = np.array(ranges.tissue_colours[int(rng.integers(len(ranges.tissue_colours)))])
     colour = colour * rng.uniform(0.85, 1.1) * rng.uniform(0.95, 1.05, 3)
     return TissueAppearance(
@@ -357,14 +329,15 @@ def _tissue(ranges: SceneRanges, rng: np.random.Generator) -> TissueAppearance:
 
 
 def _instrument(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -> Instrument:
-    """Draws an instrument from beyond the image's border to somewhere near the catheter, or across it."""
-    turn = rng.uniform(0.25 * math.pi, 0.75 * math.pi) * rng.choice([-1.0, 1.0])
-    way = np.array([math.cos(turn), math.sin(turn)])
-    near = np.array([rng.uniform(0.2, 1.6) * length_m, 0.0]) + way * rng.uniform(-12e-3, 25e-3)
-    start = near + way * 110e-3
+    """Draws an instrument from beyond the image's border to a point near the catheter of ``length_m``, or across it."""
+    # It comes from the side: at least 45 degrees from the catheter's base tangent.
+    direction_rad = rng.uniform(0.25 * math.pi, 0.75 * math.pi) * rng.choice([-1.0, 1.0])
+    direction = np.array([math.cos(direction_rad), math.sin(direction_rad)])
+    end = np.array([rng.uniform(0.2, 1.6) * length_m, 0.0]) + direction * rng.uniform(-12e-3, 25e-3)
+    start = end + direction * 110e-3  # beyond the border of any image
     return Instrument(
         start_m=(float(start[0]), float(start[1])),
-        end_m=(float(near[0]), float(near[1])),
+        end_m=(float(end[0]), float(end[1])),
         bow_m=rng.uniform(-12e-3, 12e-3),
         sway_m=rng.uniform(0.0, 4e-3),
         sway_hz=rng.uniform(0.2, 1.5),
@@ -375,16 +348,17 @@ def _instrument(ranges: SceneRanges, rng: np.random.Generator, length_m: float) 
 
 
 def _occluders(ranges: SceneRanges, rng: np.random.Generator, length_m: float) -> tuple[Occluder, ...]:
-    """Draws one to three bands that hide, together, about the drawn share of the shaft."""
+    """Draws one to three bands that together hide about the drawn share of the catheter, which is ``length_m`` long."""
     share = _of(rng, ranges.hidden_share)
     if share <= 0.0:
         return ()
     count = int(rng.integers(1, 4))
-    wide = rng.dirichlet(np.full(count, 4.0)) * share * length_m
+    widths_m = rng.dirichlet(np.full(count, 4.0)) * share * length_m
     occluders: list[Occluder] = []
-    for width in wide:
-        kind = "cable" if width < 3e-3 else str(rng.choice(["tape", "bracket"]))
+    for width_m in widths_m:
+        kind = "cable" if width_m < 3e-3 else str(rng.choice(["tape", "bracket"]))
         colour = tinted(rng, rng.uniform(30, 215), 0.25)
-        at = rng.uniform(0.08, 0.80) * length_m
-        occluders.append(Occluder(kind, at - 0.5 * width, at + 0.5 * width, rng.uniform(-0.35, 0.35), colour))
+        middle_m = rng.uniform(0.08, 0.80) * length_m
+        start_m, end_m = middle_m - 0.5 * width_m, middle_m + 0.5 * width_m
+        occluders.append(Occluder(kind, start_m, end_m, rng.uniform(-0.35, 0.35), colour))
     return tuple(occluders)

@@ -34,7 +34,11 @@ def frame_key(seed: int, frame: int) -> npt.NDArray[np.uint32]:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _bend_row(levels: FloatImage, gain: np.float32, read: np.float32, row: FloatImage) -> None:
-    """Converts Gaussian numbers in ``row`` to noise at ``levels``: Cornish-Fisher to the fourth cumulant."""
+    """Converts the Gaussian numbers in ``row`` (w,) to noise in grey levels, as shot and read noise have it.
+
+    The Cornish-Fisher expansion gives it the third and fourth cumulants of Poisson noise, too. ``levels``: (w,) light
+    before noise; ``gain``: grey levels for each electron; ``read``: standard deviation of the read noise.
+    """
     one, three, five, zero = np.float32(1.0), np.float32(3.0), np.float32(5.0), np.float32(0.0)
     c3, c4, c5 = gain**2 / np.float32(6.0), gain**3 / np.float32(24.0), gain**4 / np.float32(36.0)
     for u in range(levels.size):

@@ -10,13 +10,13 @@ from ....geometry import CameraModel
 from .._exposure import TissueHome
 from .._random import gauss_table
 from ._background import illumination, paint_background, paint_front_objects
-from ._canvas import FINER, Box, FloatImage, Patch, SceneCanvas, band, multi_scale_noise, soften
+from ._canvas import Box, FloatImage, Patch, SceneCanvas, band, canvas_px, multi_scale_noise, soften
 from ._phantom import Phantom, paint_phantom
 from ._scene import CameraScene, CoverPlate, Occluder
-from ._tube_kernels import add_tube
 from ._tube_model import Focus, Tube, make_instrument, make_tube
 
 _HEIGHT_M = 4e-3
+"""Height of covers above the catheter, which determines their shadows."""
 
 
 def _over(front: FloatImage | None, behind: FloatImage | None) -> FloatImage | None:
@@ -27,16 +27,16 @@ def _over(front: FloatImage | None, behind: FloatImage | None) -> FloatImage | N
 
 
 def _lay_cover(canvas: SceneCanvas, camera: CameraModel, cover: CoverPlate, rng: np.random.Generator) -> None:
-    """Lays a plate from its edge on to beyond the image's border."""
+    """Lays a plate on the canvas; it covers all from its edge to beyond the image's border."""
     into = np.array([math.cos(cover.into_rad), math.sin(cover.into_rad)])
     along = np.array([-into[1], into[0]])
-    edge = np.array(cover.edge_m)
+    edge_point = np.array(cover.edge_m)
     far = 0.1  # half of it would leave any image
     corners = [
-        edge + side * cover.half_m * along + deep * into for side, deep in ((-1, 0), (1, 0), (1, far), (-1, far))
+        edge_point + end * cover.half_m * along + depth_m * into
+        for end, depth_m in ((-1, 0), (1, 0), (1, far), (-1, far))
     ]
-    seen = camera.project(np.column_stack([np.array(corners), np.zeros(4)])) * FINER + 0.5 * (FINER - 1)
-    shape = canvas.outline(seen)
+    shape = canvas.outline(canvas_px(camera.project(np.column_stack([np.array(corners), np.zeros(4)]))))
     worn = multi_scale_noise(rng, shape.shape, (3.0, 60.0, 300.0), 0.9)[shape.part]
     bright = canvas.bevel(shape, 2.5) * (1 + 0.03 * worn)
     canvas.lay(shape, cover.colour, height_m=_HEIGHT_M, shading=bright.astype(np.float32))
@@ -45,23 +45,21 @@ def _lay_cover(canvas: SceneCanvas, camera: CameraModel, cover: CoverPlate, rng:
 def _tube_layer(
     tube: Tube, length_m: float, camera: CameraModel, focus: Focus, light: FloatImage, *, cut: bool
 ) -> FloatImage:
-    """Returns the layer (c + 1, h, w) of a lit straight tube that ends at the base; ``cut``: after ``length_m``.
+    """Returns the layer of a lit straight tube that ends at the base: (c + 1, h, w) levels and visible share behind.
 
-    A tube is drawn to beyond its beginning; that is cut off as soft as the image is.
+    `Tube.nodes` adds a straight part before the start of every tube. With ``cut`` it is removed, by an edge as blurred
+    as the image, and the tube is ``length_m`` long.
     """
     line = np.column_stack([np.linspace(-length_m, 0.0, _LINE), np.zeros((_LINE, 2))])
     nodes = tube.nodes(line[None], camera, focus)
     drawn = np.zeros((*light.shape, (tube.along.shape[1] - 1) // 2 + 1), np.float32)
-    add_tube(
-        drawn, nodes.nodes[0], 1.0, tube.profile.table, tube.profile.half_width_px, tube.profile.reach_px, tube.blurs,
-        nodes.start_m, nodes.step_m, tube.along, tube.blunt, tube.braid,
-    )  # fmt: skip
+    tube.draw(drawn, nodes)
     if cut:
-        start, ahead = camera.project(line[[0, 1]])
-        way = (ahead - start) / np.linalg.norm(ahead - start)
+        start, next_point = camera.project(line[[0, 1]])
+        direction = (next_point - start) / np.linalg.norm(next_point - start)
         v, u = np.mgrid[0 : light.shape[0], 0 : light.shape[1]]
-        beyond = (u - start[0]) * way[0] + (v - start[1]) * way[1]
-        drawn *= ndtr(beyond / float(nodes.nodes[0, 0, 7])).astype(np.float32)[..., None]
+        past_start_px = (u - start[0]) * direction[0] + (v - start[1]) * direction[1]
+        drawn *= ndtr(past_start_px / float(nodes.nodes[0, 0, 7])).astype(np.float32)[..., None]
     cover = np.clip(drawn[..., 0], 0.0, 1.0)
     return np.concatenate([(drawn[..., 1:] * light[..., None]).transpose(2, 0, 1), 1.0 - cover[None]])
 
@@ -75,15 +73,15 @@ SHEATH_LENGTH_M = 60e-3
 def _sheath_layer(
     scene: CameraScene, camera: CameraModel, focus: Focus, px_per_m: float, depth_m: float, light: FloatImage
 ) -> FloatImage | None:
-    """Returns the layer of the sheath up to its mouth at the base, and of the stopper on it."""
+    """Returns the layer (c + 1, h, w) of the sheath up to its mouth at the base, and of a stopper on it; None: none."""
     sheath = scene.sheath
     if sheath is None:
         return None
     parts = [(sheath.appearance, SHEATH_LENGTH_M)]
     if sheath.fitting == "stopper":
         finish = replace(sheath.appearance.finish, shaft=sheath.fitting_colour)
-        wide = replace(sheath.appearance, radius_m=_STOPPER_WIDER * sheath.appearance.radius_m, finish=finish)
-        parts.append((wide, sheath.fitting_m))
+        stopper = replace(sheath.appearance, radius_m=_STOPPER_WIDER * sheath.appearance.radius_m, finish=finish)
+        parts.append((stopper, sheath.fitting_m))
     layer: FloatImage | None = None
     for appearance, length in parts:
         tube = make_tube(scene, appearance, length, px_per_m, focus, depth_m, scene.seed + 2)
@@ -123,28 +121,30 @@ def paint_foreground(
 
 
 def _lay_occluder(canvas: SceneCanvas, camera: CameraModel, cover: Occluder, rng: np.random.Generator) -> None:
-    middle = 0.5 * (cover.from_m + cover.to_m)
-    lean = np.array([math.sin(cover.slant_rad), math.cos(cover.slant_rad), 0.0])
-    reach = rng.uniform(8e-3, 30e-3, 2)
-    far = 0.2 if cover.kind == "cable" else 0.0
-    ends = np.array([-(reach[0] + far), reach[1] + far])[:, None] * lean + np.array([middle, 0.0, 0.0])
-    seen = camera.project(ends) * FINER + 0.5 * (FINER - 1)
-    half = 0.5 * (cover.to_m - cover.from_m) * math.cos(cover.slant_rad) * canvas.px_per_m
-    shape = canvas.outline(band(seen[0], seen[1], half))
+    """Lays a strip of tape, a cable or a bracket with two screws across the shaft; a cable crosses the whole image."""
+    middle_m = 0.5 * (cover.from_m + cover.to_m)
+    along = np.array([math.sin(cover.slant_rad), math.cos(cover.slant_rad), 0.0])
+    lengths_m = rng.uniform(8e-3, 30e-3, 2)
+    extra_m = 0.2 if cover.kind == "cable" else 0.0
+    ends_m = np.array([-(lengths_m[0] + extra_m), lengths_m[1] + extra_m])[:, None] * along + (middle_m, 0.0, 0.0)
+    ends_px = canvas_px(camera.project(ends_m))
+    half_width_px = 0.5 * (cover.to_m - cover.from_m) * math.cos(cover.slant_rad) * canvas.px_per_m
+    shape = canvas.outline(band(ends_px[0], ends_px[1], half_width_px))
     if cover.kind == "cable":
-        bright = canvas.bevel(shape, 0.6 * half)
+        shading = canvas.bevel(shape, 0.6 * half_width_px)
     elif cover.kind == "tape":
-        worn = multi_scale_noise(rng, shape.shape, (4.0, 25.0), 0.8)[shape.part]
-        bright = canvas.bevel(shape, 1.2) * (1 + 0.04 * worn)
+        wear = multi_scale_noise(rng, shape.shape, (4.0, 25.0), 0.8)[shape.part]
+        shading = canvas.bevel(shape, 1.2) * (1 + 0.04 * wear)
     else:
-        worn = multi_scale_noise(rng, shape.shape, (3.0, 60.0), 0.9)[shape.part]
-        bright = canvas.bevel(shape, 2.5) * (1 + 0.02 * worn)
-    canvas.lay(shape, cover.colour, height_m=_HEIGHT_M, shading=bright.astype(np.float32))
+        wear = multi_scale_noise(rng, shape.shape, (3.0, 60.0), 0.9)[shape.part]
+        shading = canvas.bevel(shape, 2.5) * (1 + 0.02 * wear)
+    canvas.lay(shape, cover.colour, height_m=_HEIGHT_M, shading=shading.astype(np.float32))
     if cover.kind == "bracket":
-        for end in seen + (0.2, -0.2) * np.diff(seen, axis=0).repeat(2, axis=0):
-            head = canvas.disc(end, min(0.6 * half, 2e-3 * canvas.px_per_m))
+        # A dark hole in a screw head, at a fifth of the length from each end.
+        for screw_px in ends_px + (0.2, -0.2) * np.diff(ends_px, axis=0).repeat(2, axis=0):
+            head = canvas.disc(screw_px, min(0.6 * half_width_px, 2e-3 * canvas.px_per_m))
             canvas.lay(head, (95, 95, 98), height_m=1e-3, shading=canvas.bevel(head, 1.5))
-            hole = canvas.disc(end, 0.3 * half)
+            hole = canvas.disc(screw_px, 0.3 * half_width_px)
             part = hole.around(8.0)
             canvas.lay(Patch.of(hole.shape, part, soften(hole.within(part), 1.0)), (25, 25, 25))
 
@@ -201,39 +201,32 @@ def make_static_layers(
     channels = 3 if scene.colour else 1
     _, slopes = camera.project_with_slopes(np.zeros((1, 3)))
     px_per_m = float(np.sqrt(abs(np.linalg.det(slopes[0, :, :2]))))
-    depth = float(camera.camera_from_world.translation_m[2])
-    lens, finer = scene.lens, width / 640.0
+    base_depth_m = float(camera.camera_from_world.translation_m[2])
+    lens, finer = scene.lens, width / 640.0  # the blur of the scene is in px of an image of 640 columns
     # The blur is given in the base frame's plane; the sharpest plane of the lens is ``sharpest_m`` above it.
-    sharp = math.sqrt(max(lens.blur_px**2 - (lens.defocus_px_per_m * lens.sharpest_m) ** 2, 0.25))
-    focus = Focus(sharp * finer, depth - lens.sharpest_m, lens.defocus_px_per_m * finer)
-    here, below = focus.sigma_px(depth), focus.sigma_px(depth + scene.ground.depth_m)
+    sharpest_px = math.sqrt(max(lens.blur_px**2 - (lens.defocus_px_per_m * lens.sharpest_m) ** 2, 0.25))
+    focus = Focus(sharpest_px * finer, base_depth_m - lens.sharpest_m, lens.defocus_px_per_m * finer)
+    blur_px, ground_blur_px = focus.sigma_px(base_depth_m), focus.sigma_px(base_depth_m + scene.ground.depth_m)
     light = illumination(scene, width, height)
-    axis = camera.project(np.array([[0.0, 0.0, 0.0], [length_m, 0.0, 0.0]]))
-    ground, _ = paint_background(scene, width, height, px_per_m, axis).seen(below)
-    foreground = paint_foreground(scene, camera, width, height, px_per_m, here)
+    axis_px = camera.project(np.array([[0.0, 0.0, 0.0], [length_m, 0.0, 0.0]]))
+    ground, _ = paint_background(scene, width, height, px_per_m, axis_px).seen(ground_blur_px)
+    foreground = paint_foreground(scene, camera, width, height, px_per_m, blur_px)
     if foreground is not None:
         foreground = np.concatenate([_channels(foreground[:3], channels) * light, foreground[3:]])
-    foreground = _over(foreground, _sheath_layer(scene, camera, focus, px_per_m, depth, light))
+    foreground = _over(foreground, _sheath_layer(scene, camera, focus, px_per_m, base_depth_m, light))
     if scene.front_objects:
-        levels, left = paint_front_objects(scene, width, height, px_per_m, axis)
-        foreground = _over(np.concatenate([_channels(levels, channels) * light, left[None]]), foreground)
+        levels, transmittance = paint_front_objects(scene, width, height, px_per_m, axis_px)
+        foreground = _over(np.concatenate([_channels(levels, channels) * light, transmittance[None]]), foreground)
     phantom = None
     if tissue is not None:
-        phantom = paint_phantom(scene, camera, tissue, width, height, channels, here)
+        phantom = paint_phantom(scene, camera, tissue, width, height, channels, blur_px)
+    ground = np.ascontiguousarray(_channels(ground, channels) * light)
+    catheter = make_tube(scene, scene.catheter, length_m, px_per_m, focus, base_depth_m, scene.seed)
+    second = make_instrument(scene, px_per_m, focus, base_depth_m)
     return StaticLayers(
-        scene,
-        camera,
-        focus,
-        px_per_m,
-        np.ascontiguousarray(_channels(ground, channels) * light),
-        light,
-        foreground,
-        _box_of(foreground),
-        phantom,
-        make_tube(scene, scene.catheter, length_m, px_per_m, focus, depth, scene.seed),
-        make_instrument(scene, px_per_m, focus, depth),
+        scene, camera, focus, px_per_m, ground, light, foreground, _box_of(foreground), phantom, catheter, second,
         gauss_table(),
-    )
+    )  # fmt: skip
 
 
 def _channels(levels: FloatImage, channels: int) -> FloatImage:
@@ -242,6 +235,7 @@ def _channels(levels: FloatImage, channels: int) -> FloatImage:
 
 
 def _box_of(foreground: FloatImage | None) -> Box:
+    """Returns the box around the pixels in which the foreground hides anything; empty without a foreground."""
     there = np.zeros((1, 1), np.bool_) if foreground is None else foreground[-1] < 0.999
     rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
     if not rows.size:

@@ -14,12 +14,13 @@ from scipy.special import ndtr
 from ....geometry import CameraModel
 from ....types import FloatArray
 from ._scene import CameraScene, CatheterAppearance, Instrument, Lamp, TubeFinish
-from ._tube_kernels import NODE_SIZE, POINTS_PER_M, STEPS_PER_PX
+from ._tube_kernels import NODE_SIZE, POINTS_PER_M, STEPS_PER_PX, add_tube
 
 FloatImage = npt.NDArray[np.float32]
-_DIRECTIONS = 64
-_BLURS = 5
+_DIRECTIONS, _BLURS = 64, 5
+"""Directions of the axis and blurs in a shading table; between them it is interpolated."""
 _CELLS = 96
+"""Strips of equal angle around the visible half of a tube; each has one brightness."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +49,12 @@ def _lobe(normal: FloatArray, lamp: Lamp, sharpness: float) -> FloatArray:
 
 
 def _shade(normal: FloatArray, lamps: tuple[Lamp, ...], ambient: float, finish: TubeFinish) -> FloatArray:
-    """Returns matte, gloss and metal light (..., 3) of surfaces with ``normal`` (..., 3)."""
-    facing = ambient + sum(lamp.strength * lamp.direction[2] for lamp in lamps)
+    """Returns the light of surfaces with ``normal`` (..., 3: right, down, to the camera) as (..., 3).
+
+    Matte light is relative to that of a face turned to the camera, gloss is in grey levels, and metal is the factor on
+    the metal's level.
+    """
+    light_at_facing = ambient + sum(lamp.strength * lamp.direction[2] for lamp in lamps)
     matte = ambient * (0.6 + 0.4 * normal[..., 2])
     gloss = finish.rim_grey * (1.0 - normal[..., 2]) ** 4
     mirrored_z = 2.0 * normal[..., 2] ** 2 - 1.0
@@ -61,7 +66,7 @@ def _shade(normal: FloatArray, lamps: tuple[Lamp, ...], ambient: float, finish: 
         matte = matte + lamp.strength * lit
         gloss = gloss + finish.gloss_grey * lamp.strength * _lobe(normal, lamp, finish.sharpness)
         metal = metal + 0.75 * lamp.strength * _lobe(normal, lamp, finish.metal_sharpness)
-    return np.stack([matte / facing, gloss, metal], axis=-1)
+    return np.stack([matte / light_at_facing, gloss, metal], axis=-1)
 
 
 def tube_profile(
@@ -80,19 +85,20 @@ def tube_profile(
         The tables.
     """
     reach = math.ceil(half_width_px + 4.0 * blur_px[1]) + 1.0
-    at = np.linspace(-reach, reach, 2 * int(reach) * STEPS_PER_PX + 1)
-    borders = np.sin(np.linspace(-math.pi / 2, math.pi / 2, _CELLS + 1))
-    middles = np.sin(np.linspace(-math.pi / 2, math.pi / 2, 2 * _CELLS + 1)[1::2])
-    turn = 2 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    across_px = np.linspace(-reach, reach, 2 * int(reach) * STEPS_PER_PX + 1)
+    edges = np.sin(np.linspace(-math.pi / 2, math.pi / 2, _CELLS + 1))  # of the strips, in half widths
+    centres = np.sin(np.linspace(-math.pi / 2, math.pi / 2, 2 * _CELLS + 1)[1::2])
+    direction_rad = 2 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     normal = np.empty((_DIRECTIONS, _CELLS, 3))
-    normal[..., 0] = -np.sin(turn)[:, None] * middles
-    normal[..., 1] = np.cos(turn)[:, None] * middles
-    normal[..., 2] = np.sqrt(1.0 - middles**2)
+    normal[..., 0] = -np.sin(direction_rad)[:, None] * centres
+    normal[..., 1] = np.cos(direction_rad)[:, None] * centres
+    normal[..., 2] = np.sqrt(1.0 - centres**2)
     values = np.concatenate([np.ones((_DIRECTIONS, _CELLS, 1)), _shade(normal, lamps, ambient, finish)], axis=-1)
-    table = np.empty((_BLURS, _DIRECTIONS, at.size, 4), np.float32)
+    table = np.empty((_BLURS, _DIRECTIONS, across_px.size, 4), np.float32)
     for k, sigma in enumerate(np.linspace(*blur_px, _BLURS)):
-        below = ndtr((at[:, None] - half_width_px * borders) / sigma)
-        table[k] = np.einsum("xc,dcq->dxq", below[:, :-1] - below[:, 1:], values, optimize=True)
+        # The blurred strip is the difference of its two blurred edges (Gaussian distribution functions).
+        past_edge = ndtr((across_px[:, None] - half_width_px * edges) / sigma)
+        table[k] = np.einsum("xc,dcq->dxq", past_edge[:, :-1] - past_edge[:, 1:], values, optimize=True)
     return TubeProfile(table, half_width_px, reach, blur_px)
 
 
@@ -137,9 +143,10 @@ def _operators(count: int, at: tuple[float, ...]) -> tuple[FloatArray, FloatArra
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _sides(points: FloatArray, slopes_3d: FloatArray, position: FloatArray, radius: float, sides: FloatArray) -> None:
-    """Computes the points (2, m, 3) at which the outline of a tube is seen from ``position``.
+    """Writes into ``sides`` (2, m, 3) the points at which a camera at ``position`` (3,) sees both outlines of a tube.
 
-    The ray of the camera touches there: normal . (point - position + radius normal) = 0, normal across the axis.
+    ``points``, ``slopes_3d`` (m, 3): axis and its tangents of any length. The ray of the camera touches the tube there:
+    normal . (point - position + radius normal) = 0, where the normal is perpendicular to the axis.
     """
     for i in range(points.shape[0]):
         tx, ty, tz = slopes_3d[i, 0], slopes_3d[i, 1], slopes_3d[i, 2]
@@ -147,12 +154,13 @@ def _sides(points: FloatArray, slopes_3d: FloatArray, position: FloatArray, radi
         tx, ty, tz = tx / size, ty / size, tz / size
         x, y, z = points[i, 0] - position[0], points[i, 1] - position[1], points[i, 2] - position[2]
         along = x * tx + y * ty + z * tz
+        # (x, y, z): from the camera to the axis, perpendicular to it; n: perpendicular to this and to the axis.
         x, y, z = x - along * tx, y - along * ty, z - along * tz
-        far = math.sqrt(x * x + y * y + z * z)
-        x, y, z = x / far, y / far, z / far
+        distance = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / distance, y / distance, z / distance
         nx, ny, nz = ty * z - tz * y, tz * x - tx * z, tx * y - ty * x
-        back = -radius * radius / far
-        side = radius * math.sqrt(1.0 - (radius / far) ** 2)
+        back = -radius * radius / distance
+        side = radius * math.sqrt(1.0 - (radius / distance) ** 2)
         for k in range(2):
             sign = side if k else -side
             sides[k, i, 0] = points[i, 0] + back * x + sign * nx
@@ -182,24 +190,26 @@ def project_tube(
         ValueError: the tube reaches behind the camera or beyond the image of its lens.
     """
     count, n = shapes.shape[:2]
+    # The last node is the middle of the dome, one radius before the apex.
     stretches = max(4, math.ceil((length_m - radius_m) / NODE_DISTANCE_M))
     step = (length_m - radius_m) / stretches
-    place = tuple(float(x) for x in np.arange(stretches + 1) * step / length_m * (n - 1))
-    values, rises = _operators(n, place)
+    node_positions = tuple(float(x) for x in np.arange(stretches + 1) * step / length_m * (n - 1))
+    spline_values, spline_slopes = _operators(n, node_positions)
     points = np.empty((count, stretches + 2, 3))
-    rising = np.empty_like(points)
-    points[:, 1:] = values @ shapes
-    rising[:, 1:] = (rises * ((n - 1) * step / length_m)) @ shapes
-    rising[:, 0] = rising[:, 1]
-    points[:, 0] = points[:, 1] - rising[:, 1] * (behind_m / step)
-    points, rising = points.reshape(-1, 3), rising.reshape(-1, 3)
+    tangents = np.empty_like(points)
+    points[:, 1:] = spline_values @ shapes
+    tangents[:, 1:] = (spline_slopes * ((n - 1) * step / length_m)) @ shapes
+    tangents[:, 0] = tangents[:, 1]
+    points[:, 0] = points[:, 1] - tangents[:, 1] * (behind_m / step)
+    points, tangents = points.reshape(-1, 3), tangents.reshape(-1, 3)
     sides = np.empty((2, len(points), 3))
-    _sides(points, rising, camera.position_m, radius_m, sides)
+    _sides(points, tangents, camera.position_m, radius_m, sides)
     outline = camera.project(sides.reshape(-1, 3)).reshape(2, -1, 2)
     _, slopes = camera.project_with_slopes(points)
     nodes = np.empty((len(points), NODE_SIZE))
+    # Columns of `NODE_SIZE`: position, derivative by the node's number, unit tangent, half width, blur.
     nodes[:, :2] = 0.5 * (outline[0] + outline[1])
-    nodes[:, 4:6] = (slopes @ rising[:, :, None])[:, :, 0]
+    nodes[:, 4:6] = (slopes @ tangents[:, :, None])[:, :, 0]
     nodes[:, 2:4] = nodes[:, 4:6] / np.hypot(nodes[:, 4], nodes[:, 5])[:, None]
     nodes[:, 6] = 0.5 * np.hypot(*(outline[1] - outline[0]).T)
     pose = camera.camera_from_world
@@ -243,6 +253,15 @@ class Tube:
         """
         return project_tube(shapes_m, self.length_m, self.radius_m, STRAIGHT_BEHIND_M, camera, focus)
 
+    def draw(self, drawn: FloatImage, nodes: TubeNodes) -> None:
+        """Adds the mean of the tube over the instants of ``nodes`` to ``drawn``, see `add_tube`."""
+        profile = self.profile
+        for moment in nodes.nodes:
+            add_tube(
+                drawn, moment, 1.0 / len(nodes.nodes), profile.table, profile.half_width_px, profile.reach_px,
+                self.blurs, nodes.start_m, nodes.step_m, self.along, self.blunt, self.braid,
+            )  # fmt: skip
+
 
 def make_tube(
     scene: CameraScene,
@@ -267,45 +286,50 @@ def make_tube(
     Returns:
         The tube.
     """
-    # The tables reach from the sharpest to the most blurred that the tube can come to be by leaving its plane.
-    near = [focus.sigma_px(depth_m + off) for off in (-12e-3, 0.0, 12e-3)]
-    blurs = (0.97 * focus.sharp_px, 1.05 * max(near) + 0.05)
+    # The tables cover the blur from the sharpest one to that of a tube 12 mm before or behind its plane.
+    blurs_px = [focus.sigma_px(depth_m + off) for off in (-12e-3, 0.0, 12e-3)]
+    blur_range_px = (0.97 * focus.sharp_px, 1.05 * max(blurs_px) + 0.05)
     light = scene.light
-    profile = tube_profile(light.lamps, light.ambient, appearance.finish, appearance.radius_m * px_per_m, blurs)
-    along = _materials(appearance, length_m, 3 if scene.colour else 1, near[1] / px_per_m, seed)
+    profile = tube_profile(light.lamps, light.ambient, appearance.finish, appearance.radius_m * px_per_m, blur_range_px)
+    along = _materials(appearance, length_m, 3 if scene.colour else 1, blurs_px[1] / px_per_m, seed)
     braid = np.zeros(3)
     if appearance.braid is not None:
-        turns = 2.0 * math.pi / appearance.braid.pitch_m
-        left = math.exp(-0.5 * (turns * near[1] / px_per_m) ** 2)  # of the pattern, by the image's blur
-        braid[:] = appearance.braid.contrast * left, turns, appearance.braid.strands
-    return Tube(length_m, appearance.radius_m, profile, np.array(blurs), along, appearance.blunt, braid)
+        turns_rad_per_m = 2.0 * math.pi / appearance.braid.pitch_m
+        remaining = math.exp(-0.5 * (turns_rad_per_m * blurs_px[1] / px_per_m) ** 2)  # contrast after the blur
+        braid[:] = appearance.braid.contrast * remaining, turns_rad_per_m, appearance.braid.strands
+    return Tube(length_m, appearance.radius_m, profile, np.array(blur_range_px), along, appearance.blunt, braid)
+
+
+_HALF_SEAM_M = 6e-5
+"""Half the length of the dark joint between metal and polymer."""
 
 
 def _materials(appearance: CatheterAppearance, length_m: float, channels: int, sigma_m: float, seed: int) -> FloatImage:
     """Returns weights (m, 2 c + 1) of matte light, metal light and gloss by arc length, blurred as the image is."""
     rng = np.random.default_rng([seed, 4])
-    s = (np.arange(int((length_m + 1e-3) * POINTS_PER_M)) + 0.5) / POINTS_PER_M
-    back = length_m - s
+    arc_m = (np.arange(int((length_m + 1e-3) * POINTS_PER_M)) + 0.5) / POINTS_PER_M
+    from_apex_m = length_m - arc_m
     bands = [(-1.0, appearance.electrode_m), *appearance.rings_m]
-    metal = np.zeros(s.size)
-    joint = np.zeros(s.size)
+    metal = np.zeros(arc_m.size)
+    joint = np.zeros(arc_m.size)
     for low, high in bands:
-        metal = np.maximum(metal, ((back > low) & (back <= high)).astype(float))
+        metal = np.maximum(metal, ((from_apex_m > low) & (from_apex_m <= high)).astype(float))
         for edge in (low, high):
-            joint = np.maximum(joint, appearance.seam * (np.abs(back - edge) < 6e-5))
-    rough = np.interp(np.arange(s.size), np.linspace(0, s.size, 64), rng.standard_normal(64))
-    fine = np.interp(np.arange(s.size), np.linspace(0, s.size, 400), rng.standard_normal(400))
+            joint = np.maximum(joint, appearance.seam * (np.abs(from_apex_m - edge) < _HALF_SEAM_M))
+    # Wear of two scales: 64 and 400 random values over the length.
+    rough = np.interp(np.arange(arc_m.size), np.linspace(0, arc_m.size, 64), rng.standard_normal(64))
+    fine = np.interp(np.arange(arc_m.size), np.linspace(0, arc_m.size, 400), rng.standard_normal(400))
     worn = np.maximum(0.2, 1.0 + appearance.wear * (0.7 * rough + 0.4 * fine))
-    shaft, bright = (np.array(colour) for colour in (appearance.finish.shaft, appearance.finish.metal))
+    shaft, mirror_level = (np.array(colour) for colour in (appearance.finish.shaft, appearance.finish.metal))
     if channels == 1:
         weights = np.array([0.299, 0.587, 0.114])
-        shaft, bright = np.array([shaft @ weights]), np.array([bright @ weights])
+        shaft, mirror_level = np.array([shaft @ weights]), np.array([mirror_level @ weights])
     matte = ((1 - metal) * worn * (1 - joint))[:, None] * shaft
-    mirror = (metal * (1 + 0.3 * appearance.wear * fine) * (1 - joint))[:, None] * bright
+    mirror = (metal * (1 + 0.3 * appearance.wear * fine) * (1 - joint))[:, None] * mirror_level
     table = np.concatenate([matte, mirror, ((1 - metal) * (1 - joint))[:, None]], axis=1).astype(np.float32)
-    steps = sigma_m * POINTS_PER_M
-    size = 2 * math.ceil(4 * steps) + 1
-    kernel = cv2.getGaussianKernel(size, steps, cv2.CV_32F)
+    blur_steps = sigma_m * POINTS_PER_M
+    size = 2 * math.ceil(4 * blur_steps) + 1
+    kernel = cv2.getGaussianKernel(size, blur_steps, cv2.CV_32F)
     soft = cv2.sepFilter2D(table, -1, np.ones(1, np.float32), kernel, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(soft, np.float32)
 
@@ -324,11 +348,12 @@ def instrument_shape(scene: CameraScene, instrument: Instrument, time_s: float) 
     height = _IN_FRONT_M if instrument.in_front else -_BEHIND_SHARE * scene.ground.depth_m
     share = np.linspace(0.0, 1.0, _NODES)
     start, end = np.array(instrument.start_m), np.array(instrument.end_m)
-    way = end - start
-    side = np.array([-way[1], way[0]]) / np.hypot(*way)
+    direction = end - start
+    side = np.array([-direction[1], direction[0]]) / np.hypot(*direction)
     sway = instrument.sway_m * math.sin(2 * math.pi * instrument.sway_hz * time_s + instrument.phase_rad)
+    # A parabola whose middle is ``bow_m`` beside the straight line, and the sway about the start.
     aside = instrument.bow_m * 4 * share * (1 - share) + sway * share**2
-    flat = start + share[:, None] * way + aside[:, None] * side
+    flat = start + share[:, None] * direction + aside[:, None] * side
     return np.concatenate([flat, np.full((_NODES, 1), height)], axis=1)
 
 

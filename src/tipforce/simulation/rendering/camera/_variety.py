@@ -1,4 +1,4 @@
-"""Differences between the benches of other people: camera, framing, sheath, catheter, tissue in view."""
+"""Differences between other people's benches: camera, framing, sheath, catheter, tissue. Numbers are usual ranges."""
 
 import math
 from dataclasses import dataclass, replace
@@ -140,17 +140,19 @@ def vary_scene(
     Returns:
         The varied scene.
     """
-    catheter, grey = _catheter(scene.catheter, variety, catheter_rng)
-    ground = replace(scene.ground, colour=tinted(rng, _ground_grey(variety, grey, rng), 0.15))
-    least = variety.bright_grey / max(grey, float(np.dot(ground.colour, (0.299, 0.587, 0.114))))
-    light = replace(scene.light, level=min(max(scene.light.level, least), variety.white_grey / max(ground.colour)))
+    catheter, shaft_grey = _catheter(scene.catheter, variety, catheter_rng)
+    ground = replace(scene.ground, colour=tinted(rng, _ground_grey(variety, shaft_grey, rng), 0.15))
+    # Exposure: the brighter of shaft and ground is bright enough, and the ground is not overexposed.
+    least_level = variety.bright_grey / max(shaft_grey, float(np.dot(ground.colour, (0.299, 0.587, 0.114))))
+    level = min(max(scene.light.level, least_level), variety.white_grey / max(ground.colour))
+    light = replace(scene.light, level=level)
     sheath = _sheath(catheter, variety, rng)
     framing = _before_corners(framing, scene.tissue.pad_m[1])
     tissue = _tissue(replace(scene, ground=ground), variety, framing, rng)
-    lens, inset = _frame(scene.lens, variety, framing, tissue.visibility == "cropped", rng)
-    covers = scene.occluders
-    if sheath.fitting == "clamp" and inset > sheath.fitting_m:
-        covers = (*covers, Occluder("bracket", -sheath.fitting_m, -0.2e-3, float(rng.uniform(-0.1, 0.1)),
+    lens, inset_m = _frame(scene.lens, variety, framing, tissue.visibility == "cropped", rng)
+    occluders = scene.occluders
+    if sheath.fitting == "clamp" and inset_m > sheath.fitting_m:
+        occluders = (*occluders, Occluder("bracket", -sheath.fitting_m, -0.2e-3, float(rng.uniform(-0.1, 0.1)),
                                     sheath.fitting_colour))  # fmt: skip
     cover = _cover_plate(framing, rng) if tissue.visibility == "behind a plate" else None
     grey_camera = bool(rng.random() < variety.grey_share)
@@ -163,32 +165,38 @@ def vary_scene(
         catheter=catheter,
         ground=ground,
         tissue=tissue,
-        occluders=covers,
-        sheath=sheath if inset > 0.0 else None,
+        occluders=occluders,
+        sheath=sheath if inset_m > 0.0 else None,
         cover=cover,
         pipeline=SensorPipeline(
             mosaic, float(rng.uniform(*variety.sharpen)), float(rng.uniform(*variety.sharpen_px)), grey_camera
         ),
         front_objects=int(rng.integers(variety.front_objects[0], variety.front_objects[1] + 1)),
-        front_blur_px=float(rng.uniform(*variety.front_blur_px)) * framing.size[0] / 640.0,
+        front_blur_px=float(rng.uniform(*variety.front_blur_px)) * framing.size[0] / 640.0,  # stated for 640 columns
     )
 
 
 def _before_corners(framing: Framing, half_m: float) -> Framing:
-    """Returns the same framing with a concave face's corners in front."""
+    """Returns the framing with ``face_m`` at the corners of a concave face, which are nearer to the catheter.
+
+    ``half_m``: half the width of the tissue. Other faces keep their framing.
+    """
     if framing.face_radius_m is None or framing.face_radius_m > 0.0:
         return framing
-    out = -float(face_depths(framing.face_radius_m, np.array([half_m]))[0])
-    return replace(framing, face_m=framing.face_m - out, behind_m=framing.behind_m + out)
+    sagitta_m = -float(face_depths(framing.face_radius_m, np.array([half_m]))[0])
+    return replace(framing, face_m=framing.face_m - sagitta_m, behind_m=framing.behind_m + sagitta_m)
 
 
 def _catheter(
     plain: CatheterAppearance, variety: SceneVariety, rng: np.random.Generator
 ) -> tuple[CatheterAppearance, float]:
-    """Draws the appearance of one catheter in all of its sessions, and its shaft's grey."""
+    """Draws the appearance of one catheter, the same in all of its sessions; returns it and its shaft's grey level.
+
+    Radius and electrode are those of ``plain``; finish, rings, braid and tip are new.
+    """
     grey = float(rng.uniform(*variety.shaft_grey))
-    dark = rng.random() < variety.dark_tip_share
-    metal = float(rng.uniform(20.0, 60.0) if dark else rng.uniform(95.0, 195.0))
+    dark_tip = rng.random() < variety.dark_tip_share
+    metal = float(rng.uniform(20.0, 60.0) if dark_tip else rng.uniform(95.0, 195.0))
     finish = TubeFinish(
         shaft=tinted(rng, grey, variety.shaft_tint),
         metal=tinted(rng, metal, 0.04),
@@ -197,9 +205,9 @@ def _catheter(
         rim_grey=float(rng.uniform(0.0, 60.0)),
         metal_sharpness=float(rng.uniform(6.0, 30.0)),
     )
-    ring, gap = float(rng.uniform(0.8e-3, 2.5e-3)), float(rng.uniform(1.5e-3, 5e-3))
+    ring_m, gap_m = float(rng.uniform(0.8e-3, 2.5e-3)), float(rng.uniform(1.5e-3, 5e-3))
     count = int(rng.integers(variety.rings[0], variety.rings[1] + 1))
-    first = plain.electrode_m + gap
+    first_m = plain.electrode_m + gap_m
     braid = None
     if rng.random() < variety.braid_share:
         braid = Braid(
@@ -210,7 +218,7 @@ def _catheter(
     catheter = replace(
         plain,
         finish=finish,
-        rings_m=tuple((first + k * (ring + gap), first + k * (ring + gap) + ring) for k in range(count)),
+        rings_m=tuple((first_m + k * (ring_m + gap_m), first_m + k * (ring_m + gap_m) + ring_m) for k in range(count)),
         braid=braid,
         blunt=6.0 if rng.random() < variety.blunt_share else 2.0,
     )
@@ -218,6 +226,7 @@ def _catheter(
 
 
 def _ground_grey(variety: SceneVariety, shaft: float, rng: np.random.Generator) -> float:
+    """Draws a grey level of the ground with enough contrast to the ``shaft``'s, darker or lighter if both exist."""
     low, high = variety.ground_grey
     darker, lighter = (low, shaft - variety.least_contrast_grey), (shaft + variety.least_contrast_grey, high)
     sides = [side for side in (darker, lighter) if side[1] > side[0]]
@@ -225,6 +234,7 @@ def _ground_grey(variety: SceneVariety, shaft: float, rng: np.random.Generator) 
 
 
 def _sheath(catheter: CatheterAppearance, variety: SceneVariety, rng: np.random.Generator) -> Sheath:
+    """Draws the tube around the base: wider than the ``catheter``, with a flat end, sometimes with a fitting."""
     finish = replace(
         catheter.finish,
         shaft=tinted(rng, float(rng.uniform(*variety.sheath_grey)), variety.shaft_tint),
@@ -246,16 +256,17 @@ def _sheath(catheter: CatheterAppearance, variety: SceneVariety, rng: np.random.
 
 
 def _tissue(scene: CameraScene, variety: SceneVariety, framing: Framing, rng: np.random.Generator) -> TissueAppearance:
+    """Draws whether a rim hides the indentation, and whether and by which means the tissue is hidden from view."""
     tissue = replace(scene.tissue, face_radius_m=framing.face_radius_m)
     if rng.random() < variety.rim_share:
         tissue = replace(tissue, rim_m=float(rng.uniform(*variety.rim_m)), over_tip=True)
     if rng.random() >= variety.hidden_share:
         return tissue
-    ways = ["in fluid", "of the ground's grey"]
+    means = ["in fluid", "of the ground's grey"]
     if framing.behind_m <= variety.most_behind_m:
-        # One of four; where the border is no place to crop at, the plate takes its part.
-        ways += ["behind a plate", "cropped" if _crop_axis(framing) else "behind a plate"]
-    visibility = ways[int(rng.integers(len(ways)))]
+        # Four equally likely means. If the image's border cannot hide the tissue, the plate takes its share.
+        means += ["behind a plate", "cropped" if _crop_axis(framing) else "behind a plate"]
+    visibility = means[int(rng.integers(len(means)))]
     tissue = replace(tissue, visibility=visibility)
     if visibility == "in fluid":
         return replace(tissue, opacity=float(rng.uniform(*variety.fluid_opacity)))
@@ -266,6 +277,7 @@ def _tissue(scene: CameraScene, variety: SceneVariety, framing: Framing, rng: np
 
 
 def _cover_plate(framing: Framing, rng: np.random.Generator) -> CoverPlate:
+    """Draws a plate whose edge is at the tissue's face when the tissue has come farthest against the tip."""
     across = np.array([-framing.forward[1], framing.forward[0]])
     edge = framing.face_m * framing.forward + framing.aside_m * across
     turn = math.atan2(framing.forward[1], framing.forward[0])
@@ -291,47 +303,50 @@ _TURN = {"left": 0.0, "right": math.pi, "bottom": math.pi / 2, "top": -math.pi /
 def _frame(
     lens: Lens, variety: SceneVariety, framing: Framing, cropped: bool, rng: np.random.Generator
 ) -> tuple[Lens, float]:
-    """Draws the lens as a person sets it up who wants the tip in view, and the base's distance inside the image.
+    """Draws position and scale of the lens as a person sets it up who wants the whole catheter in view.
 
-    Drawn again where the tilted camera would lose some of the catheter.
+    It is drawn again, up to `_FRAMES` times, if the tilted camera does not show all of the catheter. ``cropped``:
+    whether the tissue is to be beyond the border. Returns the lens, and how far in m the base is inside the border.
     """
     width, height = framing.size
     upright = framing.base_side in ("top", "bottom")
     px_along, px_across = (height, width) if upright else (width, height)
     low, high = framing.reach_m.min(axis=0)[:2], framing.reach_m.max(axis=0)[:2]
-    margin = variety.margin_m
-    axis = _crop_axis(framing) if cropped else ""
-    turn = _TURN[framing.base_side]
-    blur = 640.0 / width
-    found, inset = lens, 0.0
+    margin_m = variety.margin_m
+    crop = _crop_axis(framing) if cropped else ""
+    tangent_rad = _TURN[framing.base_side]
+    blur_factor = 640.0 / width  # `Lens` states its blur for 640 columns
+    found, inset_m = lens, 0.0
     for _ in range(_FRAMES):
-        inset = float(rng.uniform(*variety.sheath_m))
-        ahead = framing.face_m if axis == "far" else high[0] + margin
-        least = max((inset + ahead) / px_along, (high[1] - low[1] + 2.0 * margin) / px_across)
-        least = max(least, variety.scale_m_per_px[0])
-        scale = float(rng.uniform(least, max(least, variety.scale_m_per_px[1])))
-        if axis == "far":
-            scale = least  # the border is at the tissue's face
-            inset = scale * px_along - ahead
-        half = 0.5 * scale * px_across
-        aside = float(rng.uniform(margin - half - low[1], half - margin - high[1]))
-        if axis == "left":
-            aside = half - framing.face_m
-        elif axis == "right":
-            aside = framing.face_m - half
-        tangent = np.array([math.cos(turn), -math.sin(turn)])  # right, down
-        normal = np.array([-math.sin(turn), -math.cos(turn)])
-        middle = np.array([0.5 * scale * width, 0.0])
-        at = middle + (inset - 0.5 * scale * px_along) * tangent + aside * normal
+        inset_m = float(rng.uniform(*variety.sheath_m))
+        ahead_m = framing.face_m if crop == "far" else high[0] + margin_m
+        # The smallest scale (m/px) at which the catheter fits into the image in both directions.
+        least_scale = max((inset_m + ahead_m) / px_along, (high[1] - low[1] + 2.0 * margin_m) / px_across)
+        least_scale = max(least_scale, variety.scale_m_per_px[0])
+        scale = float(rng.uniform(least_scale, max(least_scale, variety.scale_m_per_px[1])))
+        if crop == "far":
+            scale = least_scale  # the border is at the tissue's face
+            inset_m = scale * px_along - ahead_m
+        half_field_m = 0.5 * scale * px_across
+        # Shift of the base across its tangent; all of the catheter stays inside the margins.
+        aside_m = float(rng.uniform(margin_m - half_field_m - low[1], half_field_m - margin_m - high[1]))
+        if crop == "left":
+            aside_m = half_field_m - framing.face_m
+        elif crop == "right":
+            aside_m = framing.face_m - half_field_m
+        tangent = np.array([math.cos(tangent_rad), -math.sin(tangent_rad)])  # right, down
+        normal = np.array([-math.sin(tangent_rad), -math.cos(tangent_rad)])
+        middle_m = np.array([0.5 * scale * width, 0.0])
+        base_m = middle_m + (inset_m - 0.5 * scale * px_along) * tangent + aside_m * normal
         found = replace(
             lens,
             scale_m_per_px=scale * width / 640.0,
             distance_m=float(rng.uniform(*variety.distance_over_field)) * scale * max(width, height),
-            base_at_m=(float(at[0]), float(at[1])),
-            blur_px=lens.blur_px * blur,
-            defocus_px_per_m=lens.defocus_px_per_m * blur,
+            base_at_m=(float(base_m[0]), float(base_m[1])),
+            blur_px=lens.blur_px * blur_factor,
+            defocus_px_per_m=lens.defocus_px_per_m * blur_factor,
         )
-        seen = found.camera(width, height).project(framing.reach_m[framing.reach_m[:, 0] > margin])
-        if axis or ((seen > 0.0) & (seen < (width - 1.0, height - 1.0))).all():
+        seen_px = found.camera(width, height).project(framing.reach_m[framing.reach_m[:, 0] > margin_m])
+        if crop or ((seen_px > 0.0) & (seen_px < (width - 1.0, height - 1.0))).all():
             break
-    return found, inset
+    return found, inset_m

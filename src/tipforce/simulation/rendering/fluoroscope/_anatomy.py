@@ -60,15 +60,21 @@ class Blob:
 
 
 def _bone(knots_mm: FloatArray, radius_mm: float, shell_mm: float, density: float, fade: bool = False) -> Part:
-    at = arc_length(knots_mm)
-    count = max(6, int(at[-1] / 3.0))
-    points = 1e-3 * CubicSpline(at, knots_mm)(np.linspace(0.0, at[-1], count))
-    inner = max(0.0, 1.0 - shell_mm / radius_mm)
-    layers = (Layer(0.0, inner, density * _SPONGY), Layer(inner, 1.0, density * _CORTICAL))
+    """Makes a bone along a smooth curve through knots: a spongy core in a cortical shell; lengths in mm.
+
+    ``knots_mm`` (n, 3) are in the patient's frame; ``density`` is relative; with ``fade`` the bone gets weaker towards
+    its end.
+    """
+    knot_arc_mm = arc_length(knots_mm)
+    count = max(6, int(knot_arc_mm[-1] / 3.0))
+    points = 1e-3 * CubicSpline(knot_arc_mm, knots_mm)(np.linspace(0.0, knot_arc_mm[-1], count))
+    inner_share = max(0.0, 1.0 - shell_mm / radius_mm)
+    layers = (Layer(0.0, inner_share, density * _SPONGY), Layer(inner_share, 1.0, density * _CORTICAL))
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     steps = np.linspace(0.0, length, 65 if fade else 2)
-    strong = np.linspace(1.0, 0.0, 64) ** 0.7 if fade else np.ones(1)
-    sections = [(float(a), float(b), 0, float(s)) for a, b, s in zip(steps[:-1], steps[1:], strong, strict=True)]
+    strengths = np.linspace(1.0, 0.0, 64) ** 0.7 if fade else np.ones(1)
+    pieces = zip(steps[:-1].tolist(), steps[1:].tolist(), strengths.tolist(), strict=True)
+    sections: list[tuple[float, float, int, float]] = [(start, end, 0, strength) for start, end, strength in pieces]
     return Part(points, 1e-3 * radius_mm, [layers], sections)
 
 
@@ -86,42 +92,44 @@ def spine_parts(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
     Returns:
         The parts in the patient's frame, in metres.
     """
-    x0, y0 = (1e3 * a for a in anatomy.spine_m)
-    pitch, disc = rng.uniform(25, 30), rng.uniform(3.5, 6.0)
-    offset = rng.uniform(0, pitch)
+    x0_mm, y0_mm = (1e3 * a for a in anatomy.spine_m)
+    pitch_mm, disc_mm = rng.uniform(25, 30), rng.uniform(3.5, 6.0)
+    offset = rng.uniform(0, pitch_mm)
     z = np.linspace(-150, 150, 60)
     sway = rng.normal(0, 3.0) * np.sin(z / 70 + rng.uniform(0, 6))
-    axis = np.stack([x0 + sway, y0 + 4e-4 * (z - 20) ** 2 * 0.3, z], axis=1)
-    radius = rng.uniform(14.5, 17.5)
+    axis = np.stack([x0_mm + sway, y0_mm + 4e-4 * (z - 20) ** 2 * 0.3, z], axis=1)
+    radius_mm = rng.uniform(14.5, 17.5)
     density = anatomy.bone
     spongy = (Layer(0.0, 0.96, density * _SPONGY), Layer(0.96, 1.0, density * _CORTICAL))
     plate = (Layer(0.0, 0.93, 0.35 * density * _CORTICAL),)
-    whole = Part(1e-3 * axis, 1e-3 * radius, [spongy, plate], [])
-    total = whole.length_m
+    whole = Part(1e-3 * axis, 1e-3 * radius_mm, [spongy, plate], [])
+    total_m = whole.length_m
     parts = [whole]
-    for k in range(int(1e3 * total / pitch) + 1):
-        low, high = 1e-3 * (offset + (k - 1) * pitch + disc), 1e-3 * (offset + k * pitch)
-        low, high = max(0.0, low), min(total, high)
+    for k in range(int(1e3 * total_m / pitch_mm) + 1):
+        # One vertebra: ends along the axis in m; it is narrower in the middle, and denser at its two end plates.
+        low, high = 1e-3 * (offset + (k - 1) * pitch_mm + disc_mm), 1e-3 * (offset + k * pitch_mm)
+        low, high = max(0.0, low), min(total_m, high)
         if high - low < 4e-3:
             continue
         whole.waists.append((low, high, float(rng.uniform(0.10, 0.17))))
-        steps, strong = np.linspace(low, high, 9), rng.uniform(0.8, 1.2, 8)
+        steps, strengths = np.linspace(low, high, 9), rng.uniform(0.8, 1.2, 8)
         whole.sections.extend(
-            (float(a), float(b), 0, float(c)) for a, b, c in zip(steps, steps[1:], strong, strict=False)
+            (float(a), float(b), 0, float(c)) for a, b, c in zip(steps, steps[1:], strengths, strict=False)
         )
         whole.sections.extend([(low, low + 1.5e-3, 1, 1.0), (high - 1.5e-3, high, 1, 1.0)])
-        middle = np.array([np.interp(0.5 * (low + high), np.linspace(0, total, 60), axis[:, a]) for a in range(3)])
-        for side in (-1.0, 1.0):
-            root = _off(middle, side * 0.68 * radius, 0.8 * radius, 0.28 * pitch)
+        middle = np.array([np.interp(0.5 * (low + high), np.linspace(0, total_m, 60), axis[:, a]) for a in range(3)])
+        for side in (-1.0, 1.0):  # a pedicle and a transverse process
+            root = _off(middle, side * 0.68 * radius_mm, 0.8 * radius_mm, 0.28 * pitch_mm)
             parts.append(
                 _bone(np.array([root, _off(root, side * 1, 7, 0), _off(root, side * 2, 15, -1)]), 4.2, 1.1, density)
             )
             base = _off(root, side * 2, 13, -2)
-            ribs = [base, _off(base, side * 14, 7, 2), _off(base, side * 27, 13, 5)]
-            parts.append(_bone(np.array(ribs), 4.0, 0.7, 0.8 * density))
-        back = _off(middle, 0, radius + 16, 0)
-        ridge = np.array([back, _off(back, rng.normal(0, 1), 14, -9), _off(back, rng.normal(0, 1.5), 24, -22)])
-        parts.append(_bone(ridge, 3.6, 1.0, density))
+            transverse = [base, _off(base, side * 14, 7, 2), _off(base, side * 27, 13, 5)]
+            parts.append(_bone(np.array(transverse), 4.0, 0.7, 0.8 * density))
+        # The spinous process points back and down.
+        back = _off(middle, 0, radius_mm + 16, 0)
+        spinous = np.array([back, _off(back, rng.normal(0, 1), 14, -9), _off(back, rng.normal(0, 1.5), 24, -22)])
+        parts.append(_bone(spinous, 3.6, 1.0, density))
     return parts
 
 
@@ -140,16 +148,17 @@ def chest_parts(anatomy: Anatomy, rng: np.random.Generator) -> tuple[list[Part],
 
 
 def _ribs(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
+    """Makes 12 pairs of ribs: from the spine around the side to the front, falling, and fading to cartilage."""
     parts: list[Part] = []
-    x0, y0 = (1e3 * a for a in anatomy.spine_m)
-    pitch, first = rng.uniform(25, 30), rng.uniform(-15, 15)
-    wide, deep, drop = rng.uniform(112, 132), rng.uniform(82, 98), rng.uniform(75, 120)
-    turn = np.linspace(0.005, 2.75, 24)
+    x0_mm, y0_mm = (1e3 * a for a in anatomy.spine_m)
+    pitch_mm, first_mm = rng.uniform(25, 30), rng.uniform(-15, 15)
+    width_mm, depth_mm, drop_mm = rng.uniform(112, 132), rng.uniform(82, 98), rng.uniform(75, 120)
+    around_rad = np.linspace(0.005, 2.75, 24)
     for k in range(-4, 8):
         for side in (-1.0, 1.0):
-            x = x0 + side * (12 + (wide - 0.5 * side * x0) * np.sin(turn) ** 0.8)
-            y = y0 + 14 - deep * (1 - np.cos(turn))
-            z = first + k * pitch + 22 - drop * (turn / turn[-1]) ** 1.25 + rng.normal(0, 1.0)
+            x = x0_mm + side * (12 + (width_mm - 0.5 * side * x0_mm) * np.sin(around_rad) ** 0.8)
+            y = y0_mm + 14 - depth_mm * (1 - np.cos(around_rad))
+            z = first_mm + k * pitch_mm + 22 - drop_mm * (around_rad / around_rad[-1]) ** 1.25 + rng.normal(0, 1.0)
             parts.append(_bone(np.stack([x, y, z], axis=1), rng.uniform(4.6, 6.0), 0.9, 0.75 * anatomy.bone, fade=True))
     return parts
 
@@ -161,13 +170,13 @@ def _vessels(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
     for side in (-1.0, 1.0):
         for _ in range(34):
             start = np.array([side * rng.uniform(25, 40), rng.normal(5, 8), rng.normal(12, 12)])
-            way = np.array([side * rng.uniform(0.2, 1.0), rng.normal(0, 0.6), rng.normal(0, 0.8)])
-            way /= np.linalg.norm(way)
+            direction = np.array([side * rng.uniform(0.2, 1.0), rng.normal(0, 0.6), rng.normal(0, 0.8)])
+            direction /= np.linalg.norm(direction)
             points, radius = [start], rng.uniform(0.8, 2.8)
             for _ in range(6):
-                way = way + rng.normal(0, 0.16, 3)
-                way /= np.linalg.norm(way)
-                points.append(points[-1] + 11 * way)
+                direction = direction + rng.normal(0, 0.16, 3)
+                direction /= np.linalg.norm(direction)
+                points.append(points[-1] + 11 * direction)
             part = _bone(np.array(points), radius, radius, 1.0, fade=True)
             parts.append(Part(part.points_m, part.radius_m, [(Layer(0.0, 1.0, contrast),)], part.sections))
     return parts
@@ -184,21 +193,20 @@ def solid_tube(points_mm: FloatArray, radius_mm: float, per_m: float) -> Part:
     Returns:
         The tube.
     """
-    made = _bone(points_mm, radius_mm, radius_mm, 1.0)
-    return Part(made.points_m, made.radius_m, [(Layer(0.0, 1.0, per_m),)], [(0.0, made.length_m, 0, 1.0)])
+    curve = _bone(points_mm, radius_mm, radius_mm, 1.0)
+    return Part(curve.points_m, curve.radius_m, [(Layer(0.0, 1.0, per_m),)], [(0.0, curve.length_m, 0, 1.0)])
 
 
 def _sternal(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
     """Makes the steel loops that closed the breastbone, each with its twist."""
     parts: list[Part] = []
-    x0 = 1e3 * anatomy.spine_m[0] + rng.normal(0, 4)
+    x0_mm = 1e3 * anatomy.spine_m[0] + rng.normal(0, 4)
     for k in range(anatomy.sternal_wires):
         turn = np.linspace(0.0, 2 * math.pi, 22)
-        wide, high = rng.uniform(7, 11), rng.uniform(4, 9)
-        middle = np.array([x0 + rng.normal(0, 2), -78.0 + 0.1 * k, -45 + 21 * k + rng.normal(0, 3)])
-        loop = middle + np.stack(
-            [wide * np.sin(turn), 6 * np.cos(turn), high * np.cos(turn) + 2 * np.sin(turn)], axis=1
-        )
+        width_mm, height_mm = rng.uniform(7, 11), rng.uniform(4, 9)
+        middle = np.array([x0_mm + rng.normal(0, 2), -78.0 + 0.1 * k, -45 + 21 * k + rng.normal(0, 3)])
+        x, z = width_mm * np.sin(turn), height_mm * np.cos(turn) + 2 * np.sin(turn)
+        loop = middle + np.stack([x, 6 * np.cos(turn), z], axis=1)
         twist = np.linspace(0.0, 1.0, 12)[:, None] * (rng.normal(0, 3), -1.0, rng.uniform(-11, -6)) + loop[11]
         parts += [solid_tube(loop, 0.4, PER_M["steel"]), solid_tube(twist, 0.65, PER_M["steel"])]
     return parts
@@ -208,10 +216,11 @@ def _leads(anatomy: Anatomy, rng: np.random.Generator) -> list[Part]:
     """Makes electrocardiogram leads on the skin, some with their clip in view."""
     parts: list[Part] = []
     for _ in range(anatomy.leads):
-        y = rng.choice([-105.0, 105.0])
-        start, away = rng.uniform(-70, 70, 2), rng.uniform(0.0, 2 * math.pi)
-        end = 130 * np.array([math.cos(away), math.sin(away)])  # out of the image
-        knots = np.array([(*start, y), (*(0.6 * start + 0.4 * end + rng.normal(0, 18, 2)), y), (*end, y)])
+        skin_y = rng.choice([-105.0, 105.0])
+        start, direction_rad = rng.uniform(-70, 70, 2), rng.uniform(0.0, 2 * math.pi)
+        end = 130 * np.array([math.cos(direction_rad), math.sin(direction_rad)])  # out of the image
+        middle = 0.6 * start + 0.4 * end + rng.normal(0, 18, 2)
+        knots = np.array([(*start, skin_y), (*middle, skin_y), (*end, skin_y)])
         parts.append(solid_tube(knots[:, [0, 2, 1]], rng.uniform(0.35, 0.6), 0.35 * PER_M["copper"]))
         clip = knots[0, [0, 2, 1]]
         parts.append(

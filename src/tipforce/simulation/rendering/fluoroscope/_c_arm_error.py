@@ -17,13 +17,14 @@ def perturbed(true: CArm, rms_px: float, rng: np.random.Generator, *, reach_m: f
     Returns:
         The C-arm as calibrated.
     """
-    grid = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]) * reach_m
-    seen = true.camera().project(grid)
-    primary, secondary, roll = (float(d) for d in rng.normal(size=3) * (0.1, 0.1, 0.05))
-    detector, source = (float(d) for d in rng.normal(size=2) * (2e-3, 1e-3))
-    right, down = (float(d) for d in rng.normal(size=2) * 0.4)
+    cube_m = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]) * reach_m
+    true_px = true.camera().project(cube_m)
+    primary, secondary, roll = (float(d) for d in rng.normal(size=3) * (0.1, 0.1, 0.05))  # degrees
+    detector, source = (float(d) for d in rng.normal(size=2) * (2e-3, 1e-3))  # m
+    right, down = (float(d) for d in rng.normal(size=2) * 0.4)  # px
 
     def moved(size: float) -> CArm:
+        """Returns the C-arm with ``size`` times the drawn errors."""
         far, near = true.source_detector_m + size * detector, true.source_object_m + size * source
         return CArm(
             true.primary_deg + size * primary,
@@ -38,6 +39,6 @@ def perturbed(true: CArm, rms_px: float, rng: np.random.Generator, *, reach_m: f
 
     size = 1.0
     for _ in range(4):  # the shift of the points is nearly linear in the size
-        off = moved(size).camera().project(grid) - seen
-        size *= rms_px / float(np.sqrt((off**2).sum(axis=1).mean()))
+        shift_px = moved(size).camera().project(cube_m) - true_px
+        size *= rms_px / float(np.sqrt((shift_px**2).sum(axis=1).mean()))
     return moved(size)

@@ -50,22 +50,23 @@ def open_field(collimator: Collimator, height: int, width: int) -> BoolArray:
 
 
 def _closed(collimator: Collimator, height: int, width: int) -> FloatImage:
-    """Returns the covered share (h, w) of each pixel."""
-    middle, side = np.array([0.5 * (width - 1), 0.5 * (height - 1)]), np.array([width, height], np.float64)
-    opened = np.full((height, width), 255, np.uint8)
+    """Returns the share (h, w) of each pixel that the blades and the border of a round field cover."""
+    middle_px, size = np.array([0.5 * (width - 1), 0.5 * (height - 1)]), np.array([width, height], np.float64)
+    open_255 = np.full((height, width), 255, np.uint8)
     left, right, top, bottom = collimator.inset
     if any(collimator.inset):
         # a blade that is not in view is far beyond the border, so that its turned edge stays out
         low = np.where(np.array([left, top]) > 0, np.array([left, top]) - 0.5, -1.0)
         high = np.where(np.array([right, bottom]) > 0, 0.5 - np.array([right, bottom]), 1.0)
-        corners = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]) * side
+        corners = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]) * size
         turn = math.radians(collimator.turn_deg)
         turned = corners @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
-        opened[:] = 0
-        cv2.fillConvexPoly(opened, np.round(16 * (turned + middle)).astype(np.int32), 255, cv2.LINE_AA, 4)
+        open_255[:] = 0
+        # OpenCV takes corners in sixteenths of a pixel (4 bits).
+        cv2.fillConvexPoly(open_255, np.round(16 * (turned + middle_px)).astype(np.int32), 255, cv2.LINE_AA, 4)
     if collimator.circle:
-        disc = np.zeros_like(opened)
-        centre = (round(16 * middle[0]), round(16 * middle[1]))
+        disc = np.zeros_like(open_255)
+        centre = (round(16 * middle_px[0]), round(16 * middle_px[1]))
         cv2.circle(disc, centre, round(16 * collimator.circle * width), 255, -1, cv2.LINE_AA, 4)
-        opened = np.minimum(opened, disc)
-    return np.asarray(1.0 - opened.astype(np.float32) / 255.0, np.float32)
+        open_255 = np.minimum(open_255, disc)
+    return np.asarray(1.0 - open_255.astype(np.float32) / 255.0, np.float32)

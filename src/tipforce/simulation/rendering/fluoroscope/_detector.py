@@ -24,7 +24,9 @@ FloatImage = npt.NDArray[np.float32]
 Words = npt.NDArray[np.uint32]
 PhotonCounts = npt.NDArray[np.uint16]
 FEW = 36.0
+"""Mean of photons below which a table is used."""
 _COLUMNS = 128
+"""Numbers of photons, 0 to 127, in a table: for a mean below `FEW` larger ones are never drawn."""
 _STEP = 0.02
 """Between tables, of the root of the mean: a mixture of two neighbours has at most 1 + 0.02^2 times the variance."""
 
@@ -58,22 +60,24 @@ def frame_key(seed: int, view: int, frame: int, purpose: int) -> Words:
 
 
 def _alias_row(chance: FloatArray) -> Words:
-    """Makes the alias table of (128,) probabilities by Vose's construction."""
+    """Makes the alias table (128,) of the probabilities of 0 to 127 photons by Vose's method.
+
+    A word has in its upper 25 bits the probability to keep the column's own number; otherwise the number is that in the
+    lower 7 bits. So one draw takes one column and one comparison.
+    """
     scaled = chance / chance.sum() * _COLUMNS
     threshold, alias = np.ones(_COLUMNS), np.arange(_COLUMNS)
     small = [k for k in range(_COLUMNS) if scaled[k] < 1.0]
     large = [k for k in range(_COLUMNS) if scaled[k] >= 1.0]
     while small and large:
-        less, more = small.pop(), large[-1]
-        threshold[less], alias[less] = scaled[less], more
-        scaled[more] -= 1.0 - scaled[less]
-        if scaled[more] < 1.0:
+        receiver, giver = small.pop(), large[-1]
+        threshold[receiver], alias[receiver] = scaled[receiver], giver
+        scaled[giver] -= 1.0 - scaled[receiver]
+        if scaled[giver] < 1.0:
             small.append(large.pop())
-    top = (1 << 25) - 1
-    # A column that is sure of itself is its own alias, so that its threshold does not matter.
-    return (
-        (np.minimum(threshold * (1 << 25), top).astype(np.uint32) << np.uint32(7)) | alias.astype(np.uint32)
-    ).astype(np.uint32)
+    # A column with probability 1 is its own alias, so that the cut of its threshold to 25 bits has no effect.
+    kept = np.minimum(threshold * (1 << 25), (1 << 25) - 1).astype(np.uint32)
+    return ((kept << np.uint32(7)) | alias.astype(np.uint32)).astype(np.uint32)
 
 
 def photon_tables() -> PhotonTables:
@@ -88,7 +92,11 @@ def photon_tables() -> PhotonTables:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _many(means: FloatImage, row: FloatImage) -> None:
-    """Converts Gaussian numbers in ``row`` to photons of these ``means`` plus a half, not yet rounded down."""
+    """Converts Gaussian numbers in ``row`` (w,) to photons with these ``means`` (w,) plus 0.5, not yet rounded down.
+
+    The Cornish-Fisher expansion gives them the skewness and kurtosis of Poisson numbers. Smaller means than `FEW` are
+    replaced by it: their photons are drawn elsewhere.
+    """
     one, two, three, five = np.float32(1.0), np.float32(2.0), np.float32(3.0), np.float32(5.0)
     half, sixth, twelfth = np.float32(0.5), np.float32(1 / 6), np.float32(1 / 12)
     over24, over36, few = np.float32(1 / 24), np.float32(1 / 36), np.float32(FEW)
@@ -99,9 +107,9 @@ def _many(means: FloatImage, row: FloatImage) -> None:
         sigma = np.sqrt(variance)
         skew = mean / (variance * sigma)  # the excess kurtosis is its square, nearly
         square = z * z
-        bent = z + skew * sixth * (square - one)
-        bent += skew * skew * z * (over24 * (square - three) - over36 * (two * square - five))
-        row[u] = mean + sigma * bent + half
+        corrected = z + skew * sixth * (square - one)
+        corrected += skew * skew * z * (over24 * (square - three) - over36 * (two * square - five))
+        row[u] = mean + sigma * corrected + half
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -122,7 +130,7 @@ def sample_photons(means: FloatImage, key: Words, alias: Words, gauss: FloatImag
     for v in range(h):
         hash_row(v * w, key, words)
         level, out = means[v], counts[v]
-        least, most = level[0], level[0]
+        least, most = level[0], level[0]  # a row that is all dark or all bright needs one method only
         for u in range(w):
             least, most = min(least, level[u]), max(most, level[u])
         if most >= few:
@@ -134,15 +142,16 @@ def sample_photons(means: FloatImage, key: Words, alias: Words, gauss: FloatImag
             for u in range(w):
                 mean = level[u]
                 if mean < few:
-                    place = np.sqrt(max(mean, zero)) * per_step
-                    k = int(place)
+                    table_index = np.sqrt(max(mean, zero)) * per_step
+                    k = int(table_index)
                     # The chance of the upper table that keeps the mean: tables are even in the root of the mean.
-                    part = (place * place - k * k) / (2 * k + 1)
+                    upper_chance = (table_index * table_index - k * k) / (2 * k + 1)
                     word = words[u]
-                    other = np.uint32(np.uint32(word ^ (word >> np.uint32(7))) * np.uint32(0x9E3779B1))
-                    if np.float32(other >> np.uint32(8)) < part * np.float32(16777216.0):
+                    # A second random number from the same word, of which 24 bits count, chooses between the two tables.
+                    second_word = np.uint32(np.uint32(word ^ (word >> np.uint32(7))) * np.uint32(0x9E3779B1))
+                    if np.float32(second_word >> np.uint32(8)) < upper_chance * np.float32(16777216.0):
                         k += 1
-                    column = word & np.uint32(127)
+                    column = word & np.uint32(127)  # the alias method: 7 bits for the column, 25 for the threshold
                     entry = alias[k, column]
                     if (word >> np.uint32(7)) >= (entry >> np.uint32(7)):
                         column = entry & np.uint32(127)
@@ -178,7 +187,7 @@ def display_curve(detector: Detector, mean: float, bits: int) -> Curve:
     """
     top = float((1 << bits) - 1)
     most = math.sqrt(20.0 * mean)
-    signal = np.linspace(0.0, most, _POINTS) ** 2
+    signal = np.linspace(0.0, most, _POINTS) ** 2  # even in the root, as photon noise is
     if detector.curve == "log":
         share = 0.5 + detector.contrast / 255.0 * np.log(np.maximum(signal, 1e-3 * mean) / mean)
     else:
@@ -188,6 +197,7 @@ def display_curve(detector: Detector, mean: float, bits: int) -> Curve:
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _add(total: FloatImage, counts: PhotonCounts, weight: float, fresh: bool) -> None:
+    """Adds ``weight`` times ``counts`` (h, w) to ``total`` (h, w), or writes it there if ``fresh``."""
     share = np.float32(weight)
     for v in range(total.shape[0]):
         row, out = counts[v], total[v]
@@ -225,14 +235,14 @@ def blurred(signal: FloatImage, detector: Detector, finer: float) -> FloatImage:
     Returns:
         (h, w) photons.
     """
-    near, far = (finer * sigma for sigma in detector.blur_px)
+    core_px, tail_px = (finer * sigma for sigma in detector.blur_px)
     share = detector.blur_tail
-    core = cv2.GaussianBlur(signal, _size(near), near, borderType=cv2.BORDER_REPLICATE)
-    half = cv2.resize(signal, (signal.shape[1] // 2, signal.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    core = cv2.GaussianBlur(signal, _size(core_px), core_px, borderType=cv2.BORDER_REPLICATE)
+    half_size = cv2.resize(signal, (signal.shape[1] // 2, signal.shape[0] // 2), interpolation=cv2.INTER_AREA)
     # Means of 2 x 2 pixels and going back between them spread by 11/12 px^2 already.
-    rest = 0.5 * math.sqrt(max(far**2 - 11 / 12, 0.04))
-    half = cv2.GaussianBlur(half, _size(rest), rest, borderType=cv2.BORDER_REPLICATE)
-    tail = cv2.resize(half, signal.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    rest_px = 0.5 * math.sqrt(max(tail_px**2 - 11 / 12, 0.04))
+    half_size = cv2.GaussianBlur(half_size, _size(rest_px), rest_px, borderType=cv2.BORDER_REPLICATE)
+    tail = cv2.resize(half_size, signal.shape[::-1], interpolation=cv2.INTER_LINEAR)
     return np.asarray(cv2.addWeighted(core, 1.0 - share, tail, share, 0.0), np.float32)
 
 
@@ -265,21 +275,21 @@ def read_out(
         image: (h, w) image that is written.
     """
     h, w = signal.shape
-    words, row, of_rows = np.empty(w, np.uint32), np.empty(w, np.float32), np.empty(h, np.float32)
-    of_words = np.empty(h, np.uint32)
-    hash_row(h * w, key, of_words)
-    gauss_row(of_words, gauss, of_rows)
-    sigma, scale, none, half = np.float32(electronic), np.float32(per_root), np.float32(0.0), np.float32(0.5)
+    words, row, row_noise = np.empty(w, np.uint32), np.empty(w, np.float32), np.empty(h, np.float32)
+    row_words = np.empty(h, np.uint32)
+    hash_row(h * w, key, row_words)
+    gauss_row(row_words, gauss, row_noise)
+    sigma, scale, zero, half = np.float32(electronic), np.float32(per_root), np.float32(0.0), np.float32(0.5)
     last = np.float32(levels.size - 2)
     for v in range(h):
         hash_row(v * w, key, words)
         gauss_row(words, gauss, row)
-        line = np.float32(line_noise) * of_rows[v]
+        line = np.float32(line_noise) * row_noise[v]  # the same for all pixels of this row
         values, out = signal[v], image[v]
         for u in range(w):
-            row[u] = min(np.sqrt(max(values[u] + sigma * row[u] + line, none)) * scale, last)
+            row[u] = min(np.sqrt(max(values[u] + sigma * row[u] + line, zero)) * scale, last)
         for u in range(w):
             k = np.int32(row[u])
-            part, at = row[u] - np.float32(k), np.uint32(k)
-            below, above = levels[at], levels[at + np.uint32(1)]
-            out[u] = np.int32(below + (above - below) * part + half)
+            share, index = row[u] - np.float32(k), np.uint32(k)
+            below, above = levels[index], levels[index + np.uint32(1)]
+            out[u] = np.int32(below + (above - below) * share + half)

@@ -17,13 +17,7 @@ Images = Sequence[npt.NDArray[np.uint8]] | Sequence[npt.NDArray[np.uint16]]
 
 
 def write_dicom(
-    path: str | Path,
-    frames: Images,
-    stamps_ns: Sequence[int],
-    scene: XrayScene,
-    *,
-    view: int = 0,
-    bits: int = 8,
+    path: str | Path, frames: Images, stamps_ns: Sequence[int], scene: XrayScene, *, view: int = 0, bits: int = 8
 ) -> None:
     """Writes images of one view with their stamps as one multi-frame file, lossless and not compressed.
 
@@ -60,7 +54,11 @@ def write_dicom(
 
 
 def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.int64]) -> Any:
-    """Makes patient, study, series, equipment and common instance; the scene determines the unique numbers."""
+    """Makes a dataset with the modules of patient, study, series, equipment and image of ``view``.
+
+    The unique identifiers (UIDs) are hashes of the scene, the view and the ``stamps`` (n,): the same images get the
+    same ones again.
+    """
 
     def uid(*parts: object) -> Any:
         return pydicom.uid.generate_uid(entropy_srcs=["tipforce", repr(scene), *map(str, parts)])
@@ -75,20 +73,16 @@ def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.
     data.file_meta = meta
     data.SOPClassUID, data.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
     data.SpecificCharacterSet = "ISO_IR 192"
-    data.PatientName, data.PatientID, data.PatientBirthDate, data.PatientSex = (
-        "Simulated^Tipforce",
-        "SIMULATED",
-        "",
-        "O",
-    )
+    data.PatientName, data.PatientID = "Simulated^Tipforce", "SIMULATED"
+    data.PatientBirthDate, data.PatientSex = "", "O"
     data.StudyInstanceUID, data.SeriesInstanceUID = uid("study"), uid("series")
-    # both planes' angles and distances are about one isocentre, and it stays where it is
+    # One frame of reference: the angles and distances of both planes are about the same isocentre.
     data.FrameOfReferenceUID, data.PositionReferenceIndicator = uid("frame of reference"), ""
     data.StudyDate, data.StudyTime, data.ReferringPhysicianName = "", "", ""
     data.StudyID, data.AccessionNumber, data.SeriesNumber, data.InstanceNumber = "1", "", 1, view + 1
     data.Modality, data.Manufacturer, data.ManufacturerModelName = "XA", "tipforce", "simulation"
     data.DeviceSerialNumber, data.SoftwareVersions = "0", "tipforce"
-    # no day, for nobody was there; the time is the zero that the stamps of all planes count from
+    # A simulated patient has no date; the time is the zero of the stamps of all planes.
     data.ContentDate, data.ContentTime, data.PatientOrientation = "", "000000.000000", ""
     planes = "SINGLE PLANE" if len(scene.views) == 1 else ("BIPLANE A", "BIPLANE B")[view]
     data.ImageType = ["ORIGINAL", "PRIMARY", planes]
@@ -98,7 +92,7 @@ def _identity(pydicom: Any, scene: XrayScene, view: int, stamps: npt.NDArray[np.
 
 
 def _add_geometry(data: Any, scene: XrayScene, view: int, width: int) -> None:
-    """Adds the XA positioner module and the detector's pixels."""
+    """Adds the XA positioner module (stated angles in degrees, distances in mm) and the detector's pitch in mm."""
     arm = scene.views[view].stated
     data.PositionerMotion = "STATIC"
     data.PositionerPrimaryAngle = f"{arm.primary_deg:.2f}"
@@ -111,13 +105,13 @@ def _add_geometry(data: Any, scene: XrayScene, view: int, width: int) -> None:
 
 
 def _add_acquisition(data: Any, scene: XrayScene, view: int) -> None:
-    """Adds the X-ray acquisition module: the known values of the beam."""
+    """Adds the X-ray acquisition module: the known values of the beam, times in ms."""
     beam = scene.views[view].beam
     data.KVP = f"{beam.kvp:g}"
     data.RadiationSetting, data.RadiationMode = "SC", "PULSED"
     data.ExposureTime = round(1e3 * beam.pulse_s)
     data.AveragePulseWidth = f"{1e3 * beam.pulse_s:.3f}"
-    data.FocalSpots = [f"{1e3 * 3 * beam.focal_spot_m:.2f}"]
+    data.FocalSpots = [f"{1e3 * 3 * beam.focal_spot_m:.2f}"]  # the nominal size in mm is three standard deviations
     data.CineRate = round(beam.rate_hz)
     data.RecommendedDisplayFrameRate = round(beam.rate_hz)
 
@@ -125,7 +119,10 @@ def _add_acquisition(data: Any, scene: XrayScene, view: int) -> None:
 def _add_pixels(
     pydicom: Any, data: Any, frames: Images, stamps: npt.NDArray[np.int64], shown: tuple[str, bool], bits: int
 ) -> None:
-    """Adds the multi-frame, cine and image pixel modules; ``shown``: curve of the display, and whether it adds text."""
+    """Adds the multi-frame, cine and image pixel modules for n ``frames`` (h, w) with ``stamps`` (n,) in ns.
+
+    ``shown``: curve of the display ("log" or "linear"), and whether the display adds text to the images.
+    """
     curve, burned_in = shown
     data.NumberOfFrames = len(frames)
     data.FrameIncrementPointer = pydicom.tag.Tag("FrameTimeVector")

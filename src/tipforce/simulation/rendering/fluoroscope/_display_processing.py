@@ -33,8 +33,8 @@ def temporal_weights(lag: FloatArray, kept: float) -> FloatArray:
     if not kept:
         return lag
     weights = np.convolve(lag, (1.0 - kept) * kept ** np.arange(_MAX_FRAMES + 1))[: _MAX_FRAMES + 1]
-    left = np.cumsum(weights[::-1])[::-1]
-    weights = weights[left > _LEFT]
+    remaining = np.cumsum(weights[::-1])[::-1]
+    weights = weights[remaining > _LEFT]
     return weights / weights.sum()
 
 
@@ -59,12 +59,14 @@ class Display:
     """
 
     def __init__(self, processing: DisplayProcessing, opened: BoolArray, arm: CArm, beam: XrayBeam, seed: int) -> None:
+        """Prepares the shading of the corners and the lines of text."""
         self._processing, self._opened, self._rate_hz = processing, opened, beam.rate_hz
         height, width = opened.shape
         self._finer = width / 512.0
         v, u = np.mgrid[0:height, 0:width]
-        squared = (2.0 * (u + 0.5) / width - 1.0) ** 2 + (2.0 * (v + 0.5) / height - 1.0) ** 2
-        self._shade = (processing.vignetting * 0.5 * (0.4 - squared)).astype(np.float32)
+        square_radius = (2.0 * (u + 0.5) / width - 1.0) ** 2 + (2.0 * (v + 0.5) / height - 1.0) ** 2
+        # Brighter in the middle, darker in the corners.
+        self._shade = (processing.vignetting * 0.5 * (0.4 - square_radius)).astype(np.float32)
         self._lines = _text_lines(arm, beam, seed)
 
     def apply(self, levels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], frame: int) -> Bytes:
@@ -77,20 +79,21 @@ class Display:
         Returns:
             (h, w) image, 8 bits.
         """
-        made = self._processing
-        image = levels.astype(np.float32) * np.float32(1.0 / 257.0)
+        processing = self._processing
+        image = levels.astype(np.float32) * np.float32(1.0 / 257.0)  # 65535 becomes 255
         out = image
-        if made.flattening:
+        if processing.flattening:
+            # The slow differences of brightness: a wide blur, done on an image that is 16 times smaller.
             small = cv2.resize(image, None, fx=1 / 16, fy=1 / 16, interpolation=cv2.INTER_AREA)
             slow = cv2.GaussianBlur(small, (0, 0), 2.0, borderType=cv2.BORDER_REPLICATE)
             slow = cv2.resize(slow, image.shape[::-1], interpolation=cv2.INTER_CUBIC)
-            out = out + np.float32(made.flattening) * (np.float32(slow[self._opened].mean()) - slow)
-        if made.edge_gain:
-            low = cv2.GaussianBlur(image, (0, 0), made.edge_px * self._finer, borderType=cv2.BORDER_REPLICATE)
-            out = out + np.float32(made.edge_gain) * (image - low)
-        if made.vignetting:
+            out = out + np.float32(processing.flattening) * (np.float32(slow[self._opened].mean()) - slow)
+        if processing.edge_gain:
+            smooth = cv2.GaussianBlur(image, (0, 0), processing.edge_px * self._finer, borderType=cv2.BORDER_REPLICATE)
+            out = out + np.float32(processing.edge_gain) * (image - smooth)
+        if processing.vignetting:
             out = out + self._shade
-        if made.blanked:
+        if processing.blanked:
             out = np.where(self._opened, out, np.float32(_BLANK_LEVEL))
         pixels = np.asarray(np.clip(out + 0.5, 0.0, 255.0).astype(np.uint8))
         self._write(pixels, frame)
@@ -105,41 +108,42 @@ class Display:
         return np.asarray(blank > 0, np.bool_)
 
     def _places(self, frame: int) -> list[tuple[tuple[int, int], tuple[int, int], str, float]]:
-        """Returns position (u, v), size, text and scale of each line."""
+        """Returns position (u, v) in px of the lower left corner, size in px, text and font scale of each line."""
         height, width = self._opened.shape
         scale, step = 0.36 * self._finer, round(15 * self._finer)
-        found: list[tuple[tuple[int, int], tuple[int, int], str, float]] = []
-        at = 0
-        for corner, count in enumerate(self._processing.text):
+        places: list[tuple[tuple[int, int], tuple[int, int], str, float]] = []
+        first_line = 0
+        for corner, count in enumerate(self._processing.text):  # top left, top right, bottom left, bottom right
             for k in range(count):
-                text = self._lines[(at + k) % len(self._lines)].format(frame=frame, time=frame / self._rate_hz)
-                (wide, high), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
-                u = round(8 * self._finer) if corner % 2 == 0 else width - wide - round(8 * self._finer)
+                text = self._lines[(first_line + k) % len(self._lines)].format(frame=frame, time=frame / self._rate_hz)
+                (width_px, height_px), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+                u = round(8 * self._finer) if corner % 2 == 0 else width - width_px - round(8 * self._finer)
                 v = step * (k + 1) if corner < 2 else height - step * (count - k) + round(8 * self._finer)
-                found.append(((u, v), (wide, high), text, scale))
-            at += count
-        return found
+                places.append(((u, v), (width_px, height_px), text, scale))
+            first_line += count
+        return places
 
     def _write(self, pixels: Bytes, frame: int) -> None:
+        """Burns text, cross and ruler of frame number ``frame`` into ``pixels`` (h, w)."""
         made = self._processing
         height, width = pixels.shape
         thick = max(1, round(self._finer))
-        for (u, v), (wide, high), text, scale in self._places(frame):
+        for (u, v), (text_width, text_height), text, scale in self._places(frame):
             if made.boxed:
-                cv2.rectangle(pixels, (u - 2, v - high - 2), (u + wide + 2, v + 4), 0, -1)
+                cv2.rectangle(pixels, (u - 2, v - text_height - 2), (u + text_width + 2, v + 4), 0, -1)
             cv2.putText(pixels, text, (u, v), cv2.FONT_HERSHEY_SIMPLEX, scale, made.text_level, thick, cv2.LINE_AA)
         if made.cross:
             cv2.drawMarker(pixels, (width // 2, height // 2), made.text_level, cv2.MARKER_CROSS, width // 24, thick)
         if made.ruler:
             u, step = width - round(12 * self._finer), round(40 * self._finer)
-            low, high = height // 2 - 4 * step, height // 2 + 4 * step
-            cv2.line(pixels, (u, low), (u, high), made.text_level, thick)
-            for v in range(low, high + 1, step):
+            low, text_height = height // 2 - 4 * step, height // 2 + 4 * step
+            cv2.line(pixels, (u, low), (u, text_height), made.text_level, thick)
+            for v in range(low, text_height + 1, step):
                 cv2.line(pixels, (u - round(6 * self._finer), v), (u, v), made.text_level, thick)
 
 
 def _text_lines(arm: CArm, beam: XrayBeam, seed: int) -> list[str]:
-    """Returns the lines that a display may show, in a drawn order."""
+    """Returns the lines of text that a display may show, in random order; {frame} and {time} are filled in later."""
     rng = np.random.default_rng([seed, 21])
     side = "LAO" if arm.primary_deg >= 0 else "RAO"
     tilt = "CRA" if arm.secondary_deg >= 0 else "CAU"

@@ -1,4 +1,4 @@
-"""Catheters and instruments of all kinds: electrodes, spacing, opacity, routes."""
+"""Catheters and instruments of all kinds: electrodes, spacing, opacity, routes. Numbers are usual ranges."""
 
 from dataclasses import replace
 
@@ -44,17 +44,20 @@ def varied_catheter(
 def _ring_positions(
     tip_m: float, number: int, reach_m: float, rng: np.random.Generator
 ) -> tuple[tuple[float, float], ...]:
-    """Draws start and end of rings up to ``reach_m`` back from the apex: evenly spaced, or in pairs."""
-    long, near = uniform(rng, (0.8e-3, 2.2e-3)), uniform(rng, (1.5e-3, 5e-3))
-    far = near if rng.random() < 0.5 else uniform(rng, (4e-3, 8e-3))
+    """Draws start and end, in m back from the apex, of up to ``number`` rings behind the tip electrode of ``tip_m``.
+
+    They are evenly spaced or in pairs; those that would end farther than ``reach_m`` from the apex are left out.
+    """
+    ring_m, gap_m = uniform(rng, (0.8e-3, 2.2e-3)), uniform(rng, (1.5e-3, 5e-3))
+    other_gap_m = gap_m if rng.random() < 0.5 else uniform(rng, (4e-3, 8e-3))
     rings: list[tuple[float, float]] = []
-    at = tip_m
+    position_m = tip_m
     for k in range(number):
-        at += near if k % 2 == 0 else far
-        if at + long > reach_m:
+        position_m += gap_m if k % 2 == 0 else other_gap_m
+        if position_m + ring_m > reach_m:
             break
-        rings.append((at, at + long))
-        at += long
+        rings.append((position_m, position_m + ring_m))
+        position_m += ring_m
     return tuple(rings)
 
 
@@ -68,7 +71,7 @@ def varied_instruments(ranges: XrayVarietyRanges, rng: np.random.Generator) -> t
     Returns:
         The instruments.
     """
-    found: list[Instrument] = []
+    instruments: list[Instrument] = []
     for _ in range(count(rng, ranges.instruments)):
         kind = str(rng.choice(["electrodes", "wire", "tube"], p=[0.55, 0.25, 0.2]))
         knots = _route(rng, loop=kind == "electrodes" and rng.random() < 0.15)
@@ -76,7 +79,7 @@ def varied_instruments(ranges: XrayVarietyRanges, rng: np.random.Generator) -> t
         tip = float(rng.choice([1e-3, 2e-3, 4e-3, 8e-3]))
         rings = _ring_positions(tip, count(rng, (1, 19)), _INSTRUMENT_RINGS_M, rng) if kind == "electrodes" else ()
         sway = rng.normal(size=3) * rng.uniform(0.5e-3, 3e-3)
-        found.append(
+        instruments.append(
             Instrument(
                 kind=kind,
                 radius_m=float(radius),
@@ -87,23 +90,26 @@ def varied_instruments(ranges: XrayVarietyRanges, rng: np.random.Generator) -> t
                 barium_sulphate=uniform(rng, (0.02, 0.4)),
             )
         )
-    return tuple(found)
+    return tuple(instruments)
 
 
 def _route(rng: np.random.Generator, loop: bool) -> FloatArray:
-    """Draws knots (k, 3) in mm, from beyond the image to a place in the heart; ``loop``: with a ring at the end."""
+    """Draws the knots (k, 3) of an instrument's path in mm, patient's frame, from beyond the image into the heart.
+
+    It comes from below or above, along the large veins. With ``loop`` it ends in a ring of 7 to 13 mm radius.
+    """
     below = rng.random() < 0.6
     start = np.array([rng.normal(-20, 12), rng.normal(15, 10), -150.0 if below else 150.0])
     end = np.array([rng.normal(5, 25), rng.normal(-5, 22), rng.normal(0, 25)])
-    hinge = np.array([rng.normal(-18, 8), rng.normal(8, 8), -25.0 if below else 30.0])
-    middle = 0.5 * (hinge + end) + rng.normal(0, 9, 3)
-    knots = [start, 0.5 * (start + hinge) + rng.normal(0, 4, 3), hinge, middle, end]
+    vein_mouth = np.array([rng.normal(-18, 8), rng.normal(8, 8), -25.0 if below else 30.0])
+    middle = 0.5 * (vein_mouth + end) + rng.normal(0, 9, 3)
+    knots = [start, 0.5 * (start + vein_mouth) + rng.normal(0, 4, 3), vein_mouth, middle, end]
     if loop:
         radius, along = rng.uniform(7.0, 13.0), (end - middle) / np.linalg.norm(end - middle)
         aside = np.cross(along, rng.normal(size=3))
         aside /= np.linalg.norm(aside)
-        other = np.cross(along, aside)
-        turn = np.linspace(0.8, 6.0, 7)[:, None]
-        ring = radius * ((1.0 - np.cos(turn)) * aside + np.sin(turn) * other) + 0.8 * turn * along
+        across = np.cross(along, aside)
+        around_rad = np.linspace(0.8, 6.0, 7)[:, None]
+        ring = radius * ((1.0 - np.cos(around_rad)) * aside + np.sin(around_rad) * across) + 0.8 * around_rad * along
         knots.extend(end + ring)
     return np.array(knots)

@@ -1,4 +1,4 @@
-"""Materials of catheters, wires and leads."""
+"""Materials of catheters, wires and leads; layers, lengths and distances are those of usual devices."""
 
 import math
 
@@ -22,10 +22,25 @@ def _sleeve(thickness_m: float, radius_m: float) -> Layer:
     return Layer(max(0.0, 1.0 - thickness_m / radius_m), 1.0, PER_M["platinum"])
 
 
-def _dome(way: AxialProfile, length_m: float, radius_m: float) -> AxialProfile:
+def _banded(length_m: float, bands_m: tuple[tuple[float, float], ...]) -> tuple[Sections, float]:
+    """Returns the sections of a shaft (material 0) with metal bands (material 1), and the end of the last one.
+
+    Args:
+        length_m: length of the tube.
+        bands_m: start and end of each band, measured back from the apex.
+    """
+    sections: Sections = []
+    at = 0.0
+    for start, end in sorted((length_m - b, length_m - a) for a, b in bands_m):
+        sections += [(at, start, 0, 1.0), (start, end, 1, 1.0)]
+        at = end
+    return sections, at
+
+
+def _dome(profile: AxialProfile, length_m: float, radius_m: float) -> AxialProfile:
     """Returns the same profile with a hemisphere at its end."""
-    left = np.clip(length_m - np.arange(way.size.size) / POINTS_PER_M, 0.0, radius_m)
-    return AxialProfile(way.amount, np.sqrt(np.maximum(1.0 - (1.0 - left / radius_m) ** 2, 0.0)))
+    to_apex_m = np.clip(length_m - np.arange(profile.size.size) / POINTS_PER_M, 0.0, radius_m)
+    return AxialProfile(profile.amount, np.sqrt(np.maximum(1.0 - (1.0 - to_apex_m / radius_m) ** 2, 0.0)))
 
 
 def catheter_tube(
@@ -43,33 +58,32 @@ def catheter_tube(
     Returns:
         The tube.
     """
-    inner = 1.0 - construction.wall
-    polymer, braid = loaded_polymer_per_m(construction.barium_sulphate), 0.5 * (1.0 + inner)
+    lumen_share = 1.0 - construction.wall
+    # Layers add up: the braid replaces polymer in a thin layer in the middle of the wall.
+    polymer, braid_share = loaded_polymer_per_m(construction.barium_sulphate), 0.5 * (1.0 + lumen_share)
     shaft = (
         _BLOOD,
-        Layer(inner, 1.0, polymer),
-        Layer(braid - 0.03, braid + 0.03, construction.braid * PER_M["steel"] - polymer),
-        Layer(0.0, inner, construction.core * PER_M["copper"]),
+        Layer(lumen_share, 1.0, polymer),
+        Layer(braid_share - 0.03, braid_share + 0.03, construction.braid * PER_M["steel"] - polymer),
+        Layer(0.0, lumen_share, construction.core * PER_M["copper"]),
     )
-    ring, tip = (*shaft, _sleeve(0.10e-3, construction.radius_m)), (*shaft, _sleeve(0.28e-3, construction.radius_m))
-    sections: Sections = []
-    at = 0.0
-    for start, end in sorted((length_m - b, length_m - a) for a, b in construction.rings_m):
-        sections += [(at, start, 0, 1.0), (start, end, 1, 1.0)]
-        at = end
+    ring_section = (*shaft, _sleeve(0.10e-3, construction.radius_m))
+    tip_section = (*shaft, _sleeve(0.28e-3, construction.radius_m))
+    sections, last_end_m = _banded(length_m, construction.rings_m)
     sections += [
-        (at, length_m - construction.electrode_m, 0, 1.0),
+        (last_end_m, length_m - construction.electrode_m, 0, 1.0),
         (length_m - construction.electrode_m, length_m, 2, 1.0),
     ]
-    made = axial_profile(length_m, sections, 3)
+    profile = axial_profile(length_m, sections, 3)
     rng = np.random.default_rng([seed, 11])
     knots = np.linspace(0.0, length_m, max(4, int(length_m / 4e-3)))
-    uneven = CubicSpline(knots, rng.normal(0, 0.5, knots.size))(np.arange(made.size.size) / POINTS_PER_M)
-    made.amount[0] = np.cumsum(
-        np.diff(made.amount[0], prepend=0.0) * np.maximum(1.0 + construction.uneven * uneven, 0.1)
+    # The shaft's density varies along it: its growth from point to point is scaled by a smooth random factor.
+    uneven = CubicSpline(knots, rng.normal(0, 0.5, knots.size))(np.arange(profile.size.size) / POINTS_PER_M)
+    profile.amount[0] = np.cumsum(
+        np.diff(profile.amount[0], prepend=0.0) * np.maximum(1.0 + construction.uneven * uneven, 0.1)
     )
-    table = section_profiles([shaft, ring, tip], construction.radius_m, px_per_m, blur_px)
-    return Tube(construction.radius_m, table, _dome(made, length_m, construction.radius_m))
+    table = section_profiles([shaft, ring_section, tip_section], construction.radius_m, px_per_m, blur_px)
+    return Tube(construction.radius_m, table, _dome(profile, length_m, construction.radius_m))
 
 
 def sheath_tube(construction: CatheterConstruction, length_m: float, px_per_m: float, blur_px: float) -> Tube:
@@ -85,15 +99,15 @@ def sheath_tube(construction: CatheterConstruction, length_m: float, px_per_m: f
         The tube; its arc length starts at the mouth.
     """
     radius = construction.radius_m + 0.85e-3
-    inner = (construction.radius_m + 0.2e-3) / radius
+    inner_share = (construction.radius_m + 0.2e-3) / radius
     polymer = loaded_polymer_per_m(0.2)
-    shaft = (1.0 - construction.wall) * construction.radius_m / radius
-    wall = (
+    lumen_share = (1.0 - construction.wall) * construction.radius_m / radius
+    wall = (  # the sheath's polymer and braid, then the catheter's wall and wires inside
         _BLOOD,
-        Layer(inner, 1.0, polymer),
-        Layer(0.5 + 0.5 * inner, 0.55 + 0.45 * inner, 0.5 * PER_M["steel"]),
-        Layer(shaft, construction.radius_m / radius, loaded_polymer_per_m(construction.barium_sulphate)),
-        Layer(0.0, shaft, construction.core * PER_M["copper"]),
+        Layer(inner_share, 1.0, polymer),
+        Layer(0.5 + 0.5 * inner_share, 0.55 + 0.45 * inner_share, 0.5 * PER_M["steel"]),
+        Layer(lumen_share, construction.radius_m / radius, loaded_polymer_per_m(construction.barium_sulphate)),
+        Layer(0.0, lumen_share, construction.core * PER_M["copper"]),
     )
     band = (*wall, _sleeve(0.08e-3, radius))
     sections: Sections = [(0.0, 1.5e-3, 0, 1.0), (1.5e-3, 3.0e-3, 1, 1.0), (3.0e-3, length_m, 0, 1.0)]
@@ -112,7 +126,7 @@ def instrument_tube(instrument: Instrument, length_m: float, px_per_m: float, bl
     Returns:
         The tube.
     """
-    r = instrument.radius_m
+    radius_m = instrument.radius_m
     materials: list[tuple[Layer, ...]]
     sections: Sections
     if instrument.kind == "wire":
@@ -124,35 +138,33 @@ def instrument_tube(instrument: Instrument, length_m: float, px_per_m: float, bl
             Layer(0.65, 1.0, loaded_polymer_per_m(instrument.barium_sulphate)),
             Layer(0.0, 0.65, 0.04 * PER_M["copper"]),
         )
-        materials, sections = [shaft, (*shaft, _sleeve(0.12e-3, r))], []
-        at = 0.0
-        for start, stop in sorted((length_m - b, length_m - a) for a, b in instrument.electrodes_m):
-            sections += [(at, start, 0, 1.0), (start, stop, 1, 1.0)]
-            at = stop
-        if at < length_m:
-            sections.append((at, length_m, 0, 1.0))
-    elif instrument.kind == "diagnostic":
+        materials = [shaft, (*shaft, _sleeve(0.12e-3, radius_m))]
+        sections, last_end_m = _banded(length_m, instrument.electrodes_m)
+        if last_end_m < length_m:
+            sections.append((last_end_m, length_m, 0, 1.0))
+    elif instrument.kind == "diagnostic":  # from the apex back: electrodes in pairs, 2 mm and 5 mm apart
         shaft = (_BLOOD, Layer(0.6, 1.0, loaded_polymer_per_m(0.22)), Layer(0.0, 0.6, 0.05 * PER_M["copper"]))
-        materials = [shaft, (*shaft, _sleeve(0.1e-3, r))]
+        materials = [shaft, (*shaft, _sleeve(0.1e-3, radius_m))]
         sections, end = [], length_m
-        for k in range(10 if r > 0.85e-3 else 4):
-            long = 2e-3 if k == 0 else 1e-3
-            sections += [(end - long, end, 1, 1.0), (end - long - (2e-3 + 3e-3 * (k % 2)), end - long, 0, 1.0)]
+        for k in range(10 if radius_m > 0.85e-3 else 4):
+            electrode_m = 2e-3 if k == 0 else 1e-3
+            start = end - electrode_m
+            sections += [(start, end, 1, 1.0), (start - (2e-3 + 3e-3 * (k % 2)), start, 0, 1.0)]
             end = sections[-1][0]
         sections.append((0.0, end, 0, 1.0))
     elif instrument.kind == "lead":
         body = (_BLOOD, Layer(0.0, 0.5, 0.35 * PER_M["steel"]), Layer(0.5, 1.0, PER_M["polymer"]))
         materials = [body, (*body, Layer(0.85, 1.0, 0.5 * PER_M["platinum"]))]
-        coil = length_m - 62e-3
-        sections = [(0.0, coil, 0, 1.0), (coil, coil + 48e-3, 1, 1.0), (coil + 48e-3, length_m - 2e-3, 0, 1.0)]
-        sections.append((length_m - 2e-3, length_m, 1, 1.0))
-    else:
+        coil_m = length_m - 62e-3
+        sections = [(0.0, coil_m, 0, 1.0), (coil_m, coil_m + 48e-3, 1, 1.0)]  # the shock coil
+        sections += [(coil_m + 48e-3, length_m - 2e-3, 0, 1.0), (length_m - 2e-3, length_m, 1, 1.0)]  # the tip
+    else:  # the probe: its metal head, and thin rings behind it
         body = (_BLOOD, Layer(0.8, 1.0, PER_M["polymer"]), Layer(0.55, 0.75, 0.12 * PER_M["steel"]))
         materials = [body, (*body, Layer(0.0, 0.8, 0.10 * PER_M["steel"]))]
         sections = [(0.0, length_m, 0, 1.0), (length_m - 32e-3, length_m - 4e-3, 1, 1.0)]
         sections += [(x, x + 2e-3, 1, 0.5) for x in np.arange(length_m - 80e-3, length_m - 36e-3, 6e-3)]
-    made = axial_profile(length_m, sections, len(materials))
-    return Tube(r, section_profiles(materials, r, px_per_m, blur_px), _dome(made, length_m, r))
+    profile = axial_profile(length_m, sections, len(materials))
+    return Tube(radius_m, section_profiles(materials, radius_m, px_per_m, blur_px), _dome(profile, length_m, radius_m))
 
 
 def instrument_path(instrument: Instrument) -> tuple[FloatArray, FloatArray, float]:
@@ -161,14 +173,14 @@ def instrument_path(instrument: Instrument) -> tuple[FloatArray, FloatArray, flo
     The points are uniform in arc length, in the patient's frame in metres.
     """
     knots = np.array(instrument.knots)
-    at = arc_length(knots)
-    spline = CubicSpline(at, knots)
-    fine = spline(np.linspace(0.0, at[-1], 2000))
-    arc = arc_length(fine)
-    count = math.ceil(arc[-1] / 1.5e-3) + 1
-    even = np.linspace(0.0, arc[-1], count)
-    points = np.stack([np.interp(even, arc, fine[:, k]) for k in range(3)], axis=1)
-    return points, (even / arc[-1]) ** 2, float(arc[-1])
+    knot_arc_m = arc_length(knots)
+    spline = CubicSpline(knot_arc_m, knots)
+    dense = spline(np.linspace(0.0, knot_arc_m[-1], 2000))
+    dense_arc_m = arc_length(dense)
+    count = math.ceil(dense_arc_m[-1] / 1.5e-3) + 1
+    even_arc_m = np.linspace(0.0, dense_arc_m[-1], count)
+    points = np.stack([np.interp(even_arc_m, dense_arc_m, dense[:, k]) for k in range(3)], axis=1)
+    return points, (even_arc_m / dense_arc_m[-1]) ** 2, float(dense_arc_m[-1])
 
 
 def swayed(

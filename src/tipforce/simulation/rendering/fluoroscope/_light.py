@@ -10,7 +10,7 @@ from numba import njit
 
 from ...._system.compilation import STEADY
 from ....types import FloatArray
-from ._patient_variety import moved_contrast
+from ._patient_variety import moved_contrast, warped
 from ._scene import Detector, Rhythm
 from ._static_layers import COARSE, StaticLayers
 from ._tube_kernels import transmittance
@@ -44,17 +44,17 @@ def soft_layers(
         (h, w) attenuation.
     """
     h, w = layers.still.shape[0] // COARSE, layers.still.shape[1] // COARSE
-    down = -rhythm.breath_m * breath * layers.head_px
+    diaphragm_px = -rhythm.breath_m * breath * layers.head_px
     size = 1.0 - rhythm.beat * beating
-    # By itself, its base comes down toward the apex as it empties.
+    # Without a wall its base comes down toward the apex as it empties; the breath moves the heart by 0.3 of its way.
     du, dv = -0.08 * rhythm.beat * beating * layers.head_px if wall_px is None else wall_px
-    du, dv = du + 0.3 * down[0] + shift_px[0], dv + 0.3 * down[1] + shift_px[1]
+    du, dv = du + 0.3 * diaphragm_px[0] + shift_px[0], dv + 0.3 * diaphragm_px[1] + shift_px[1]
     heart = _moved(layers.heart, layers, size, du, dv, (h, w))
-    heart += _moved(layers.liver, layers, 1.0, down[0] + shift_px[0], down[1] + shift_px[1], (h, w))
+    heart += _moved(layers.liver, layers, 1.0, diaphragm_px[0] + shift_px[0], diaphragm_px[1] + shift_px[1], (h, w))
     soft = np.asarray(cv2.resize(heart, layers.still.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
     if contrast and layers.varied and layers.varied.injected is not None:
-        at = np.array([du, dv])
-        filled = moved_contrast(layers.varied.injected, layers.margin, size, layers.heart_px, at, soft.shape)
+        moved = np.array([du, dv])
+        filled = moved_contrast(layers.varied.injected, layers.margin, size, layers.heart_px, moved, soft.shape)
         soft += np.float32(contrast) * filled
     return soft
 
@@ -62,14 +62,16 @@ def soft_layers(
 def _moved(
     layer: FloatImage, layers: StaticLayers, size: float, du: float, dv: float, shape: tuple[int, int]
 ) -> FloatImage:
-    """Scales ``layer`` by ``size`` about the heart's middle and moves it by (du, dv) px of the image."""
+    """Scales ``layer`` by ``size`` about the heart's middle and moves it by (du, dv) px of the image.
+
+    ``layer`` and ``shape`` (h, w) are coarse: one of their pixels is `COARSE` px of the image.
+    """
     middle = (layers.heart_px - 0.5 * (COARSE - 1)) / COARSE
-    back = 1.0 / size
-    u = middle[0] * (1.0 - back) - back * du / COARSE + layers.coarse_margin
-    v = middle[1] * (1.0 - back) - back * dv / COARSE + layers.coarse_margin
-    way = np.array([[back, 0.0, u], [0.0, back, v]])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(layer, way, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    shrink = 1.0 / size
+    u = middle[0] * (1.0 - shrink) - shrink * du / COARSE + layers.coarse_margin
+    v = middle[1] * (1.0 - shrink) - shrink * dv / COARSE + layers.coarse_margin
+    mapping = np.array([[shrink, 0.0, u], [0.0, shrink, v]])
+    return warped(layer, mapping, shape)
 
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
@@ -105,13 +107,13 @@ def direct_light(
     mean = np.float32(1.0 / (BLOCK * BLOCK))
     for v in range(h):
         # Slices, and few of them in a loop: an index that might be negative keeps the compiler from vector code.
-        a, b = chest[v + i, j : j + w], chest[v + i, j + 1 : j + w + 1]
-        c, d = chest[v + i + 1, j : j + w], chest[v + i + 1, j + 1 : j + w + 1]
+        at_00, at_01 = chest[v + i, j : j + w], chest[v + i, j + 1 : j + w + 1]
+        at_10, at_11 = chest[v + i + 1, j : j + w], chest[v + i + 1, j + 1 : j + w + 1]
         base, veil, tube, out = still[v], soft[v], taken[v], light[v]
         for u in range(w):
-            out[u] = w00 * a[u] + w01 * b[u] + w10 * c[u] + w11 * d[u]
+            out[u] = w00 * at_00[u] + w01 * at_01[u] + w10 * at_10[u] + w11 * at_11[u]
         for u in range(w):
-            x = min(max((out[u] + base[u] + veil[u]) * over, -half), half)
+            x = min(max((out[u] + base[u] + veil[u]) * over, -half), half)  # attenuation / 64, see `transmittance`
             out[u] = transmittance(x) * (one - tube[u])
         row = blocks[v // BLOCK]
         for k in range(row.size):
@@ -123,6 +125,7 @@ def direct_light(
 
 @njit(cache=True, error_model="numpy", fastmath=STEADY, nogil=True)
 def _mix(light: FloatImage, direct: float, veil: FloatImage) -> None:
+    """Replaces ``light`` (h, w) by ``direct`` times itself plus ``veil`` (h, w)."""
     share = np.float32(direct)
     for v in range(light.shape[0]):
         out, more = light[v], veil[v]
@@ -151,14 +154,11 @@ class ScatterAndGlare:
         Returns:
             Scatter and glare.
         """
-        near, far = (sigma * px_per_m / BLOCK for sigma in (detector.scatter_m, detector.glare_m))
+        scatter_blocks, glare_blocks = (sigma * px_per_m / BLOCK for sigma in (detector.scatter_m, detector.glare_m))
         rows, columns = shape
-        return cls(
-            (_spread(rows, near), _spread(columns, near)),
-            (_spread(rows, far), _spread(columns, far)),
-            detector.scatter,
-            detector.glare,
-        )
+        scatter = _spread(rows, scatter_blocks), _spread(columns, scatter_blocks)
+        glare = _spread(rows, glare_blocks), _spread(columns, glare_blocks)
+        return cls(scatter, glare, detector.scatter, detector.glare)
 
     def add(self, light: FloatImage, blocks: FloatImage, exposure: float) -> None:
         """Converts light to photons, with scatter and glare.
@@ -176,12 +176,15 @@ class ScatterAndGlare:
 
 
 def _spread(count: int, sigma: float) -> FloatImage:
-    """Returns the matrix (count, count) of a Gaussian over a row of blocks; beyond the border it goes on as there."""
+    """Returns the (count, count) matrix that blurs a row of blocks by a Gaussian with ``sigma`` in blocks.
+
+    Light that would leave the row is added to its end: beyond the border the image is taken as constant.
+    """
     reach = math.ceil(4.0 * sigma)
-    at = np.arange(-reach, reach + 1)
-    weights = np.exp(-0.5 * (at / sigma) ** 2)
+    offsets = np.arange(-reach, reach + 1)
+    weights = np.exp(-0.5 * (offsets / sigma) ** 2)
     weights /= weights.sum()
     matrix = np.zeros((count, count))
     for k in range(count):
-        np.add.at(matrix[k], np.clip(k + at, 0, count - 1), weights)
+        np.add.at(matrix[k], np.clip(k + offsets, 0, count - 1), weights)
     return matrix.astype(np.float32)

@@ -1,4 +1,4 @@
-"""Layers of a varied patient: bone texture, airways, gas, contrast agent, a pacemaker; they move with the table."""
+"""Layers of a varied patient, of usual sizes: bone texture, airways, gas, contrast, pacemaker; the table moves them."""
 
 import math
 from dataclasses import dataclass
@@ -18,6 +18,7 @@ FloatImage = npt.NDArray[np.float32]
 _VESSEL_OVER_CHAMBER = 8.0
 """Contrast agent is less diluted in a vessel than in a chamber."""
 _MOST_PER_M = 160.0
+"""Largest linear attenuation of a filled vessel over blood."""
 _FULL_RADIUS_MM = 1.2
 """In a wider vessel the agent is more diluted, in proportion to the radius."""
 
@@ -53,11 +54,12 @@ def texture(rng: np.random.Generator, contrast: float, px_per_m: float, height: 
         The factors, at least 0.2.
     """
     total = np.zeros((height, width), np.float32)
-    for grain_m, longer, share in ((0.5e-3, 3.0, 0.45), (1.2e-3, 2.0, 0.6), (4e-3, 1.5, 0.65)):
-        across = max(grain_m * px_per_m, 1.0)
-        shape = (max(4, math.ceil(height / (across * longer))), max(4, math.ceil(width / across)))
+    # Width of a grain, its length over its width, and its weight.
+    for grain_m, elongation, weight in ((0.5e-3, 3.0, 0.45), (1.2e-3, 2.0, 0.6), (4e-3, 1.5, 0.65)):
+        grain_px = max(grain_m * px_per_m, 1.0)
+        shape = (max(4, math.ceil(height / (grain_px * elongation))), max(4, math.ceil(width / grain_px)))
         noise = rng.standard_normal(shape, dtype=np.float32)
-        total += np.float32(share) * cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC)
+        total += np.float32(weight) * cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC)
     return np.maximum(1.0 + np.float32(contrast) * total, 0.2).astype(np.float32)
 
 
@@ -75,8 +77,9 @@ def airway_parts(patient: PatientVariety, rng: np.random.Generator) -> list[Part
     carina = np.array([rng.normal(-2, 3), 28 + rng.normal(0, 3), 62 + rng.normal(0, 6)])
     top = carina + np.array([rng.normal(0, 3), -6.0, 90.0])
     right, left = carina + np.array([-34.0, 4.0, -22.0]), carina + np.array([44.0, 6.0, -26.0])
-    ways = [(top, carina, 7.5), (carina, right, 5.5), (carina, left, 5.0)]
-    return [solid_tube(np.array([a, 0.5 * (a + b), b]), radius, per_m) for a, b, radius in ways]
+    # The trachea divides at the carina into the two main bronchi: points and radii in mm.
+    airways = [(top, carina, 7.5), (carina, right, 5.5), (carina, left, 5.0)]
+    return [solid_tube(np.array([start, 0.5 * (start + end), end]), radius, per_m) for start, end, radius in airways]
 
 
 def gas_blobs(patient: PatientVariety, dome_m: float, rng: np.random.Generator) -> list[Blob]:
@@ -99,7 +102,7 @@ def gas_blobs(patient: PatientVariety, dome_m: float, rng: np.random.Generator) 
 
 
 def chamber_blobs(scene: XrayScene, injection: Injection) -> list[Blob]:
-    """Makes the chambers that the contrast agent fills."""
+    """Makes the chambers that the contrast agent of ``injection`` fills, as ellipsoids in the patient's frame."""
     chambers = heart_blobs(scene.anatomy)
     blobs: list[Blob] = []
     for chamber in (chambers[k] for k in injection.chambers):
@@ -121,14 +124,14 @@ def vessel_parts(injection: Injection, rng: np.random.Generator) -> list[Part]:
     per_m = min(_VESSEL_OVER_CHAMBER * injection.per_m, _MOST_PER_M)
     parts: list[Part] = []
     for _ in range(injection.vessels):
-        at = rng.normal((5, 0, 20), (14, 14, 12))
-        way = rng.normal(size=3)
-        radius = 0.6 * 10.0 ** rng.uniform(0.0, 1.0)
-        knots = [at]
+        start_mm = rng.normal((5, 0, 20), (14, 14, 12))
+        direction = rng.normal(size=3)
+        radius_mm = 0.6 * 10.0 ** rng.uniform(0.0, 1.0)
+        knots_mm = [start_mm]
         for _ in range(5):
-            way = way / np.linalg.norm(way) + rng.normal(0, 0.45, 3)
-            knots.append(knots[-1] + rng.uniform(8, 14) * way / np.linalg.norm(way))
-        parts.append(solid_tube(np.array(knots), radius, per_m * min(1.0, _FULL_RADIUS_MM / radius)))
+            direction = direction / np.linalg.norm(direction) + rng.normal(0, 0.45, 3)
+            knots_mm.append(knots_mm[-1] + rng.uniform(8, 14) * direction / np.linalg.norm(direction))
+        parts.append(solid_tube(np.array(knots_mm), radius_mm, per_m * min(1.0, _FULL_RADIUS_MM / radius_mm)))
     return parts
 
 
@@ -142,27 +145,28 @@ def add_can(patient: PatientVariety, drawn: FloatImage, camera: CameraModel) -> 
     """
     if patient.can is None:
         return
-    turn = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
-    squared = np.abs(np.cos(turn)) ** 4 + np.abs(np.sin(turn)) ** 4
-    case = np.column_stack([np.cos(turn), np.sin(turn)]) / squared[:, None] ** 0.25
-    shapes = [
-        (case * (22.0, 20.0), 6.0, 0.9),
-        (case * (10.0, 17.0) + (-9.0, -1.0), 5.0, 1.8),
-        (case * (7.0, 12.0) + (11.0, 2.0), 4.0, 0.7),
-        (case * (20.0, 6.0) + (0.0, 25.0), 8.0, 0.35),
-        (case * (6.0, 1.6) + (-6.0, 25.0), 3.0, 1.6),
-        (case * (6.0, 1.6) + (9.0, 25.0), 3.0, 1.6),
+    around_rad = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
+    # A rounded rectangle: |x|^4 + |y|^4 = 1.
+    fourth_power = np.abs(np.cos(around_rad)) ** 4 + np.abs(np.sin(around_rad)) ** 4
+    rounded = np.column_stack([np.cos(around_rad), np.sin(around_rad)]) / fourth_power[:, None] ** 0.25
+    shapes = [  # outline in mm, half depth: thickness / 2 in mm, attenuation
+        (rounded * (22.0, 20.0), 6.0, 0.9),
+        (rounded * (10.0, 17.0) + (-9.0, -1.0), 5.0, 1.8),
+        (rounded * (7.0, 12.0) + (11.0, 2.0), 4.0, 0.7),
+        (rounded * (20.0, 6.0) + (0.0, 25.0), 8.0, 0.35),
+        (rounded * (6.0, 1.6) + (-6.0, 25.0), 3.0, 1.6),
+        (rounded * (6.0, 1.6) + (9.0, 25.0), 3.0, 1.6),
     ]
     spin = math.radians(patient.can_turn_deg)
     right, up = np.array([math.cos(spin), 0.0, math.sin(spin)]), np.array([-math.sin(spin), 0.0, math.cos(spin)])
-    for outline, thick, much in shapes:
+    for outline, thickness_mm, attenuation in shapes:
         flat = np.array(patient.can) + 1e-3 * (outline[:, :1] * right + outline[:, 1:] * up)
-        depth = np.array([0.0, 0.5e-3 * thick, 0.0])
+        depth = np.array([0.0, 0.5e-3 * thickness_mm, 0.0])
         solid = np.concatenate([flat - depth, flat + depth])
         hull = cv2.convexHull(camera.project(solid).astype(np.float32))
         mask = np.zeros(drawn.shape, np.uint8)
         cv2.fillConvexPoly(mask, np.round(16 * hull).astype(np.int32), 255, cv2.LINE_AA, 4)
-        drawn += np.float32(much) * mask.astype(np.float32) / 255.0
+        drawn += np.float32(attenuation) * mask.astype(np.float32) / 255.0
 
 
 def shifted_still(layers: VariedLayers, margin: int, shift_px: FloatArray, shape: tuple[int, int]) -> FloatImage:
@@ -181,8 +185,7 @@ def shifted_still(layers: VariedLayers, margin: int, shift_px: FloatArray, shape
     still = layers.still
     if not shift_px.any():
         return still[margin : margin + shape[0], margin : margin + shape[1]] + layers.shutter
-    way = np.array([[1.0, 0.0, u], [0.0, 1.0, v]])
-    return np.asarray(_warped(still, way, shape) + layers.shutter, np.float32)
+    return np.asarray(warped(still, np.array([[1.0, 0.0, u], [0.0, 1.0, v]]), shape) + layers.shutter, np.float32)
 
 
 def moved_contrast(
@@ -203,9 +206,11 @@ def moved_contrast(
     """
     back = 1.0 / size
     u, v = middle_px * (1.0 - back) - back * shift_px + margin
-    return _warped(injected, np.array([[back, 0.0, u], [0.0, back, v]]), shape)
+    return warped(injected, np.array([[back, 0.0, u], [0.0, back, v]]), shape)
 
 
-def _warped(layer: FloatImage, way: FloatArray, shape: tuple[int, int]) -> FloatImage:
+def warped(layer: FloatImage, source_from_result: FloatArray, shape: tuple[int, int]) -> FloatImage:
+    """Returns a layer of ``shape`` whose pixel p is that of ``layer`` at ``source_from_result`` (2, 3) times (p, 1)."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(layer, way, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    size, border = shape[::-1], cv2.BORDER_REPLICATE
+    return np.asarray(cv2.warpAffine(layer, source_from_result, size, flags=flags, borderMode=border), np.float32)

@@ -103,15 +103,9 @@ class XrayRenderer:
     """
 
     def __init__(
-        self,
-        scene: XrayScene,
-        length_m: float,
-        *,
-        view: int = 0,
-        width: int = 512,
-        height: int = 512,
-        bits: int = 8,
+        self, scene: XrayScene, length_m: float, *, view: int = 0, width: int = 512, height: int = 512, bits: int = 8
     ) -> None:
+        """Paints all that does not move, and prepares detector, display and exposure control."""
         if width % BLOCK or height % BLOCK or not 8 <= bits <= 16:
             raise ValueError(
                 f"an X-ray image: expected sides that are multiples of {BLOCK} and 8 to 16 bits, "
@@ -126,15 +120,16 @@ class XrayRenderer:
         self._veil = ScatterAndGlare.of(self._plane.detector, self._layers.px_per_m, (height // BLOCK, width // BLOCK))
         self._tables = photon_tables()
         self._finer = width / 512.0
-        self._photons = self._plane.beam.photons / self._finer**2
+        self._photons = self._plane.beam.photons / self._finer**2  # smaller pixels get fewer photons
         self._electronic, self._display, self._clear = self._plane.detector.electronic, None, None
         if scene.variety:
+            # The temporal filter averages frames: it lengthens the lag and lowers the electronic noise.
             kept, plane = scene.variety.processing.kept, self._plane
             self._weights = temporal_weights(self._weights, kept)
             self._electronic *= noise_gain(kept)
-            opened = open_field(scene.variety.collimators[view], height, width)
-            self._display = Display(scene.variety.processing, opened, plane.stated, plane.beam, scene.seed)
-            self._clear = opened & ~self._display.covered()
+            open_pixels = open_field(scene.variety.collimators[view], height, width)
+            self._display = Display(scene.variety.processing, open_pixels, plane.stated, plane.beam, scene.seed)
+            self._clear = open_pixels & ~self._display.covered()
         self._curve = display_curve(self._plane.detector, self._photons, 16 if self._display else bits)
         self._thread_local = threading.local()
         self._field = self._measured()
@@ -146,7 +141,7 @@ class XrayRenderer:
 
     @property
     def memory(self) -> int:
-        """How many frames before it a image shows traces of."""
+        """Number of earlier frames of which an image shows traces."""
         return len(self._weights) - 1
 
     def render(
@@ -173,14 +168,14 @@ class XrayRenderer:
             (h, w) image, uint8 or uint16 by the bits of the renderer.
         """
         now = Pulse(shapes_m, tissue, frame, time_s)
-        known = list(before)[-self.memory :] if self.memory else []
-        planes = [self._photon_counts(pulse) for pulse in (*known, now)][::-1]
+        earlier = list(before)[-self.memory :] if self.memory else []
+        planes = [self._photon_counts(pulse) for pulse in (*earlier, now)][::-1]
         buffers, detector = self._buffers(), self._plane.detector
         sum_with_lag(planes, self._weights, buffers.light)
         signal = blurred(buffers.light, detector, self._finer)
         image: GreyImage
-        deep = self.bits > 8 or self._display is not None
-        image = np.empty(signal.shape, np.uint16) if deep else np.empty(signal.shape, np.uint8)
+        sixteen_bits = self.bits > 8 or self._display is not None
+        image = np.empty(signal.shape, np.uint16) if sixteen_bits else np.empty(signal.shape, np.uint8)
         key = frame_key(self.scene.seed, self.view, frame, 1)
         curve, gauss = self._curve, self._tables.gauss
         read_out(signal, key, gauss, self._electronic, detector.line_noise, curve.levels, curve.per_root, image)
@@ -241,19 +236,20 @@ class XrayRenderer:
         return plane
 
     def _expect(self, buffers: _Buffers, pulse: Pulse) -> None:
-        """Computes the expected photons of ``pulse`` in ``buffers.light``."""
+        """Computes the expected photons (h, w) of ``pulse`` in ``buffers.light``: before noise, blur and lag."""
         layers, rhythm = self._layers, self.scene.rhythm
         self._lay_tubes(buffers, pulse)
         breath = rhythm.breath(pulse.time_s)
-        wall = None
+        wall_px = None
         if pulse.tissue is not None:
             _, slopes = layers.camera.project_with_slopes(np.zeros((1, 3)))
-            moved = slopes[0] @ pulse.tissue.shift_m.mean(axis=0)
-            wall = float(moved[0]), float(moved[1])
-        self._shine(buffers, breath, rhythm.beating(pulse.time_s), wall, pulse.time_s)
+            moved_px = slopes[0] @ pulse.tissue.shift_m.mean(axis=0)
+            wall_px = float(moved_px[0]), float(moved_px[1])
+        self._shine(buffers, breath, rhythm.beating(pulse.time_s), wall_px, pulse.time_s)
         buffers.taken[:] = 0.0
-        delayed = rhythm.breath(pulse.time_s - self._plane.beam.control_s)
-        exposure = self._photons / float(np.interp(delayed, np.linspace(0.0, 1.0, len(self._field)), self._field))
+        # The exposure control keeps the mean of its measuring field, but it follows the breath late.
+        breath_before = rhythm.breath(pulse.time_s - self._plane.beam.control_s)
+        exposure = self._photons / float(np.interp(breath_before, np.linspace(0.0, 1.0, len(self._field)), self._field))
         self._veil.add(buffers.light, buffers.blocks, exposure)
 
     def _pan_m(self, time_s: float) -> FloatArray:
@@ -262,12 +258,12 @@ class XrayRenderer:
 
     def _cameras(self, time_s: float) -> tuple[CameraModel, CameraModel]:
         """Returns the camera models whose worlds are the base frame and the patient's frame, wherever the table is."""
-        layers, moved = self._layers, self._pan_m(time_s)
-        if not moved.any():
+        layers, table_m = self._layers, self._pan_m(time_s)
+        if not table_m.any():
             return layers.camera, layers.patient_camera
-        pose = layers.patient_camera.camera_from_world @ Pose(np.eye(3), moved)
-        base = pose @ self.scene.patient_from_base
-        return layers.camera.seen_from(base), layers.patient_camera.seen_from(pose)
+        camera_from_patient = layers.patient_camera.camera_from_world @ Pose(np.eye(3), table_m)
+        camera_from_base = camera_from_patient @ self.scene.patient_from_base
+        return layers.camera.seen_from(camera_from_base), layers.patient_camera.seen_from(camera_from_patient)
 
     def _shine(
         self,
@@ -277,25 +273,29 @@ class XrayRenderer:
         wall_px: tuple[float, float] | None,
         time_s: float | None = None,
     ) -> None:
-        """Computes the light behind all layers; without a time: before the table moves, without contrast agent."""
+        """Computes in ``buffers.light`` the share of the rays that passes all layers and the tubes drawn before.
+
+        ``breath``, ``beating``, ``wall_px``: see `soft_layers`. ``time_s``: time of the table and the contrast agent;
+        None: before the table moves, and without contrast agent.
+        """
         layers, variety = self._layers, self.scene.variety
-        still, shift, contrast = layers.still, np.zeros(2), 0.0
+        still, shift_px, contrast = layers.still, np.zeros(2), 0.0
         if layers.varied and variety:
             injection = variety.patient.injection
             if time_s is not None:
-                shift = layers.varied.patient_px_per_m @ self._pan_m(time_s)
+                shift_px = layers.varied.patient_px_per_m @ self._pan_m(time_s)
                 contrast = injection.amount(time_s) if injection else 0.0
-            still = shifted_still(layers.varied, layers.margin, shift, still.shape)
-        soft = soft_layers(layers, self.scene.rhythm, breath, beating, wall_px, shift, contrast)
-        ribs = 0.15 * self.scene.rhythm.breath_m * breath * layers.head_px  # the ribs rise as the diaphragm sinks
-        left, top = np.clip(layers.margin - ribs - shift, 0.0, 2.0 * layers.margin - 1.0).tolist()
-        direct_light(still, layers.chest, left, top, soft, buffers.taken, buffers.light, buffers.blocks)
+            still = shifted_still(layers.varied, layers.margin, shift_px, still.shape)
+        soft_attenuation = soft_layers(layers, self.scene.rhythm, breath, beating, wall_px, shift_px, contrast)
+        ribs_px = 0.15 * self.scene.rhythm.breath_m * breath * layers.head_px  # the ribs rise as the diaphragm sinks
+        left, top = np.clip(layers.margin - ribs_px - shift_px, 0.0, 2.0 * layers.margin - 1.0).tolist()
+        direct_light(still, layers.chest, left, top, soft_attenuation, buffers.taken, buffers.light, buffers.blocks)
 
     def _lay_tubes(self, buffers: _Buffers, pulse: Pulse) -> None:
-        """Adds the absorption of catheter and devices to ``buffers.taken``."""
+        """Adds the absorption by catheter and devices during ``pulse`` to ``buffers.taken``, a mean over instants."""
         layers = self._layers
         base_camera, patient_camera = self._cameras(pulse.time_s)
-        half_s = 0.3 * self._plane.beam.pulse_s
+        half_s = 0.3 * self._plane.beam.pulse_s  # two instants with nearly the same variance in time as the pulse
         instants = (pulse.time_s - half_s, pulse.time_s + half_s) if layers.varied else (pulse.time_s,)
         for time_s in instants:
             for item in layers.devices:
@@ -352,40 +352,44 @@ def blur_instants(shapes: FloatArray, px_per_m: float) -> FloatArray:
     Returns:
         (k, n, 3) axis at k instants, see `sample_exposure`.
     """
-    way = float(np.abs(np.diff(shapes, axis=0)).max(axis=(1, 2), initial=0.0).sum()) * px_per_m
-    return sample_exposure(shapes, max(1, min(_MOST_INSTANTS, math.ceil(way / _STEP_PX))))
+    distance_px = float(np.abs(np.diff(shapes, axis=0)).max(axis=(1, 2), initial=0.0).sum()) * px_per_m
+    return sample_exposure(shapes, max(1, min(_MOST_INSTANTS, math.ceil(distance_px / _STEP_PX))))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _cover(mask: BoolArray, pixels: FloatArray, half_px: FloatArray) -> None:
+    """Marks the pixels of ``mask`` (h, w) within a band about the polyline ``pixels`` (n, 2).
+
+    ``half_px`` (n,): half the width of the band at each point; in between it is linear.
+    """
     h, w = mask.shape
     for i in range(pixels.shape[0] - 1):
         au, av, bu, bv = pixels[i, 0], pixels[i, 1], pixels[i + 1, 0], pixels[i + 1, 1]
-        far = max(half_px[i], half_px[i + 1])
+        reach_px = max(half_px[i], half_px[i + 1])
         du, dv = bu - au, bv - av
-        square = du * du + dv * dv
-        for v in range(max(0, math.ceil(min(av, bv) - far)), min(h, math.floor(max(av, bv) + far) + 1)):
-            for u in range(max(0, math.ceil(min(au, bu) - far)), min(w, math.floor(max(au, bu) + far) + 1)):
-                t = ((u - au) * du + (v - av) * dv) / square if square > 0 else 0.0
-                t = min(max(t, 0.0), 1.0)
-                half = half_px[i] + t * (half_px[i + 1] - half_px[i])
-                if (u - au - t * du) ** 2 + (v - av - t * dv) ** 2 <= half * half:
+        square_length = du * du + dv * dv
+        for v in range(max(0, math.ceil(min(av, bv) - reach_px)), min(h, math.floor(max(av, bv) + reach_px) + 1)):
+            for u in range(max(0, math.ceil(min(au, bu) - reach_px)), min(w, math.floor(max(au, bu) + reach_px) + 1)):
+                share = ((u - au) * du + (v - av) * dv) / square_length if square_length > 0 else 0.0
+                share = min(max(share, 0.0), 1.0)
+                half = half_px[i] + share * (half_px[i + 1] - half_px[i])
+                if (u - au - share * du) ** 2 + (v - av - share * dv) ** 2 <= half * half:
                     mask[v, u] = True
 
 
 def _covered(camera: CameraModel, points_m: FloatArray, radius_m: float, height: int, width: int) -> BoolArray:
-    """Returns the pixels (h, w) whose ray passes a tube of ``radius_m`` along ``points_m`` (n, 3), camera's world.
+    """Returns the pixels (h, w) whose ray passes through a tube with a domed end.
 
-    The tube ends in a hemisphere of its own radius at the last point.
+    ``points_m`` (n, 3): its axis in the camera's world up to the apex of the dome; ``radius_m``: of tube and dome.
     """
-    steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
-    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    steps_m = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+    arc_m = np.concatenate([[0.0], np.cumsum(steps_m)])
     # The middle of the dome is one radius before its apex.
-    even = np.linspace(0.0, max(arc[-1] - radius_m, 0.0), 2 * len(arc))
-    middle = np.stack([np.interp(even, arc, points_m[:, k]) for k in range(3)], axis=1)
-    depth = camera.camera_from_world.apply(middle)[:, 2]
+    even_arc_m = np.linspace(0.0, max(arc_m[-1] - radius_m, 0.0), 2 * len(arc_m))
+    axis_m = np.stack([np.interp(even_arc_m, arc_m, points_m[:, k]) for k in range(3)], axis=1)
+    depth = camera.camera_from_world.apply(axis_m)[:, 2]
     mask = np.zeros((height, width), np.bool_)
-    pixels = camera.project(middle)
+    pixels = camera.project(axis_m)
     if np.isfinite(pixels).all():
         _cover(mask, pixels, radius_m * float(camera.focal_px[1]) / depth)
     return mask
@@ -410,13 +414,13 @@ def image_truth(
         The truth.
     """
     centreline = camera.project(points_m)
-    near = np.rint(np.nan_to_num(centreline, nan=-9.0))
-    visible = np.asarray(((near >= 0) & (near < (width, height))).all(axis=1), np.bool_)
+    nearest_px = np.rint(np.nan_to_num(centreline, nan=-9.0))
+    visible = np.asarray(((nearest_px >= 0) & (nearest_px < (width, height))).all(axis=1), np.bool_)
     weight = np.ones(len(visible))
     weight[[0, -1]] = 0.5
     mask = _covered(camera, points_m, radius_m, height, width)
     if clear is not None:
         mask &= clear
-        u, v = np.where(visible[:, None], near, 0.0).astype(np.int64).T
+        u, v = np.where(visible[:, None], nearest_px, 0.0).astype(np.int64).T
         visible = visible & clear[v, u]
     return ImageTruth(mask, centreline, visible, float(visible @ weight / weight.sum()))

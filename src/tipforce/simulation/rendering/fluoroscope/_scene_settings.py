@@ -17,7 +17,7 @@ from ..._fields import NotNegative, Positive, Range, Settings, Share, Some
 from ._c_arm_error import perturbed
 from ._instrument_variety import varied_catheter, varied_instruments
 from ._scene import Anatomy, CatheterConstruction, Detector, Instrument, Rhythm, XrayBeam, XrayScene, XrayView
-from ._variety import XrayVarietyRanges, sample_variety
+from ._variety import XrayVarietyRanges, sample_variety, uniform
 
 
 class XrayRanges(Settings):
@@ -114,29 +114,14 @@ BIPLANE = XrayRanges(planes=2, scatter=(0.4, 1.1))
 """Two views, 90 +- 10 degrees apart; each scatters into the other."""
 FLUORO_VARIED = XrayRanges(
     variety=XrayVarietyRanges(),
-    primary_deg=(-60.0, 60.0),
-    secondary_deg=(-30.0, 30.0),
-    roll_deg=(-3.0, 3.0),
-    source_detector_m=(0.95, 1.25),
-    source_object_m=(0.66, 0.84),
-    scale_m_per_px=(0.17e-3, 0.30e-3),
-    centre_px=(-25.0, 25.0),
-    photons=(15.0, 600.0),
-    pulse_s=(4e-3, 15e-3),
-    blur_px=(0.4, 1.0),
-    lag_fast=(0.0, 0.12),
-    linear_display=0.4,
-    linear_level=(50.0, 130.0),
-    log_contrast=(40.0, 95.0),
-    base_inset_m=(-4e-3, 22e-3),
-    base_shift_m=(-20e-3, 20e-3),
-    base_turn_deg=(-25.0, 25.0),
-    devices=(0, 3),
-    probe=0.15,
-    bone=(0.6, 1.5),
-    sternal_wires=0.35,
-    leads=(0, 4),
-)
+    primary_deg=(-60.0, 60.0), secondary_deg=(-30.0, 30.0), roll_deg=(-3.0, 3.0),
+    source_detector_m=(0.95, 1.25), source_object_m=(0.66, 0.84),
+    scale_m_per_px=(0.17e-3, 0.30e-3), centre_px=(-25.0, 25.0),
+    photons=(15.0, 600.0), pulse_s=(4e-3, 15e-3), blur_px=(0.4, 1.0), lag_fast=(0.0, 0.12),
+    linear_display=0.4, linear_level=(50.0, 130.0), log_contrast=(40.0, 95.0),
+    base_inset_m=(-4e-3, 22e-3), base_shift_m=(-20e-3, 20e-3), base_turn_deg=(-25.0, 25.0),
+    devices=(0, 3), probe=0.15, bone=(0.6, 1.5), sternal_wires=0.35, leads=(0, 4),
+)  # fmt: skip
 """One view, as it differs from laboratory to laboratory."""
 BIPLANE_VARIED = FLUORO_VARIED.model_copy(
     update={"planes": 2, "between_planes_deg": (60.0, 100.0), "scatter": (0.4, 1.1)}
@@ -188,10 +173,10 @@ def sample_xray_scene(
         catheter=_catheter(ranges, rng),
         devices=_instruments(ranges, rng),
         rhythm=Rhythm(
-            heart_hz=_uniform(rng, ranges.heart_hz),
-            breath_hz=_uniform(rng, ranges.breath_hz),
-            beat=_uniform(rng, ranges.beat),
-            breath_m=_uniform(rng, ranges.breath_m),
+            heart_hz=uniform(rng, ranges.heart_hz),
+            breath_hz=uniform(rng, ranges.breath_hz),
+            beat=uniform(rng, ranges.beat),
+            breath_m=uniform(rng, ranges.breath_m),
             heart_phase=rng.random(),
             breath_phase=rng.random(),
         ),
@@ -203,126 +188,131 @@ def sample_xray_scene(
 def _varied(
     ranges: XrayVarietyRanges, scene: XrayScene, rng: np.random.Generator, catheter_rng: np.random.Generator
 ) -> XrayScene:
-    """Adds the differences between laboratories; the stated geometry becomes the nominal one."""
-    axes = scene.views[0].true.display_axes()
-    depth = _uniform(rng, ranges.depth_m) * axes[2]
-    base = np.array(scene.base_m) + depth
+    """Adds the differences between laboratories to a scene.
+
+    The base moves out of the isocentre's plane, and the stated geometry gets larger errors. The catheter is drawn from
+    ``catheter_rng``, which all of its sessions share; everything else from ``rng``.
+    """
+    display_axes = scene.views[0].true.display_axes()
+    depth_m = uniform(rng, ranges.depth_m) * display_axes[2]
+    base_m = np.array(scene.base_m) + depth_m
     low, high = (math.log(x) for x in ranges.calibration_px)
-    off = math.exp(rng.uniform(low, high))
+    error_px = math.exp(rng.uniform(low, high))
     return replace(
         scene,
-        views=tuple(replace(view, stated=perturbed(view.true, off, rng)) for view in scene.views),
-        base_m=(float(base[0]), float(base[1]), float(base[2])),
+        views=tuple(replace(view, stated=perturbed(view.true, error_px, rng)) for view in scene.views),
+        base_m=(float(base_m[0]), float(base_m[1]), float(base_m[2])),
         catheter=varied_catheter(ranges, scene.catheter, catheter_rng),
         devices=scene.devices + varied_instruments(ranges, rng),
-        variety=sample_variety(ranges, rng, axes[0], axes[1], len(scene.views)),
+        variety=sample_variety(ranges, rng, display_axes[0], display_axes[1], len(scene.views)),
     )
 
 
-def _uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
-    return float(rng.uniform(*bounds))
+def _arm(ranges: XrayRanges, rng: np.random.Generator, primary_deg: float, secondary_deg: float) -> CArm:
+    """Draws distances, scale, roll and principal point of a C-arm with these angles."""
+    return CArm(
+        primary_deg=primary_deg,
+        secondary_deg=secondary_deg,
+        source_detector_m=uniform(rng, ranges.source_detector_m),
+        source_object_m=uniform(rng, ranges.source_object_m),
+        scale_m_per_px=uniform(rng, ranges.scale_m_per_px),
+        roll_deg=uniform(rng, ranges.roll_deg),
+        centre_px=(uniform(rng, ranges.centre_px), uniform(rng, ranges.centre_px)),
+    )
 
 
 def _views(ranges: XrayRanges, rng: np.random.Generator) -> tuple[XrayView, ...]:
-    first = CArm(
-        primary_deg=_uniform(rng, ranges.primary_deg),
-        secondary_deg=_uniform(rng, ranges.secondary_deg),
-        source_detector_m=_uniform(rng, ranges.source_detector_m),
-        source_object_m=_uniform(rng, ranges.source_object_m),
-        scale_m_per_px=_uniform(rng, ranges.scale_m_per_px),
-        roll_deg=_uniform(rng, ranges.roll_deg),
-        centre_px=(_uniform(rng, ranges.centre_px), _uniform(rng, ranges.centre_px)),
-    )
+    """Draws one plane or two: C-arm with its stated position, beam, and one detector for all."""
+    first = _arm(ranges, rng, uniform(rng, ranges.primary_deg), uniform(rng, ranges.secondary_deg))
     arms = [first]
     if ranges.planes == 2:
         # The second arm is across: its primary angle is found so that the central rays have the drawn angle.
-        apart, second = _uniform(rng, ranges.between_planes_deg), _uniform(rng, (-5.0, 5.0))
-        s1, s2 = math.radians(first.secondary_deg), math.radians(second)
-        cosine = (math.cos(math.radians(apart)) - math.sin(s1) * math.sin(s2)) / (math.cos(s1) * math.cos(s2))
-        primary = first.primary_deg + math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
-        arms.append(
-            CArm(
-                primary_deg=primary,
-                secondary_deg=second,
-                source_detector_m=_uniform(rng, ranges.source_detector_m),
-                source_object_m=_uniform(rng, ranges.source_object_m),
-                scale_m_per_px=_uniform(rng, ranges.scale_m_per_px),
-                roll_deg=_uniform(rng, ranges.roll_deg),
-                centre_px=(_uniform(rng, ranges.centre_px), _uniform(rng, ranges.centre_px)),
-            )
+        apart_deg, secondary_deg = uniform(rng, ranges.between_planes_deg), uniform(rng, (-5.0, 5.0))
+        first_tilt, second_tilt = math.radians(first.secondary_deg), math.radians(secondary_deg)
+        cosine = (math.cos(math.radians(apart_deg)) - math.sin(first_tilt) * math.sin(second_tilt)) / (
+            math.cos(first_tilt) * math.cos(second_tilt)
         )
-    pulse, detector = _uniform(rng, ranges.pulse_s), _detector(ranges, rng)
-    low, high = (math.log(x) for x in ranges.photons)
+        primary_deg = first.primary_deg + math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+        arms.append(_arm(ranges, rng, primary_deg, secondary_deg))
+    pulse_s, detector = uniform(rng, ranges.pulse_s), _detector(ranges, rng)
+    low, high = (math.log(x) for x in ranges.photons)  # the dose is uniform in its logarithm
     views: list[XrayView] = []
     for arm in arms:
         beam = XrayBeam(
             photons=math.exp(rng.uniform(low, high)),
-            pulse_s=pulse,
+            pulse_s=pulse_s,
             rate_hz=ranges.rate_hz,
-            focal_spot_m=_uniform(rng, ranges.focal_spot_m),
-            control_s=_uniform(rng, ranges.control_s),
+            focal_spot_m=uniform(rng, ranges.focal_spot_m),
+            control_s=uniform(rng, ranges.control_s),
         )
         views.append(XrayView(arm, perturbed(arm, ranges.calibration_px, rng), beam, detector))
     return tuple(views)
 
 
 def _detector(ranges: XrayRanges, rng: np.random.Generator) -> Detector:
+    """Draws scatter, glare, blur, lag, noise and display curve of a detector."""
     linear = rng.random() < ranges.linear_display
     return Detector(
-        scatter=_uniform(rng, ranges.scatter),
-        scatter_m=_uniform(rng, ranges.scatter_m),
-        glare=_uniform(rng, ranges.glare),
-        glare_m=_uniform(rng, ranges.glare_m),
-        blur_px=(_uniform(rng, ranges.blur_px), _uniform(rng, ranges.blur_tail_px)),
-        blur_tail=_uniform(rng, ranges.blur_tail),
+        scatter=uniform(rng, ranges.scatter),
+        scatter_m=uniform(rng, ranges.scatter_m),
+        glare=uniform(rng, ranges.glare),
+        glare_m=uniform(rng, ranges.glare_m),
+        blur_px=(uniform(rng, ranges.blur_px), uniform(rng, ranges.blur_tail_px)),
+        blur_tail=uniform(rng, ranges.blur_tail),
         lag=(
-            (_uniform(rng, ranges.lag_fast), _uniform(rng, ranges.lag_fast_keep)),
-            (_uniform(rng, ranges.lag_slow), _uniform(rng, ranges.lag_slow_keep)),
+            (uniform(rng, ranges.lag_fast), uniform(rng, ranges.lag_fast_keep)),
+            (uniform(rng, ranges.lag_slow), uniform(rng, ranges.lag_slow_keep)),
         ),
-        electronic=_uniform(rng, ranges.electronic),
-        line_noise=_uniform(rng, ranges.line_noise),
+        electronic=uniform(rng, ranges.electronic),
+        line_noise=uniform(rng, ranges.line_noise),
         curve="linear" if linear else "log",
-        contrast=_uniform(rng, ranges.linear_level if linear else ranges.log_contrast),
+        contrast=uniform(rng, ranges.linear_level if linear else ranges.log_contrast),
     )
 
 
 def _base(ranges: XrayRanges, rng: np.random.Generator, arm: CArm) -> Pose:
-    """Draws the base frame in the patient's: in the first view's image plane through the isocentre, then tilted."""
+    """Draws the pose of the base frame in the patient's frame.
+
+    The base is in the plane of the first view (C-arm ``arm``) through the isocentre, near the middle of one side of the
+    image; its tangent points inwards and is tilted a little out of that plane.
+    """
     axes = arm.display_axes()  # rows: right, up, toward the viewer
-    half = _HALF_PX * arm.scale_m_per_px
-    inset, along = _uniform(rng, ranges.base_inset_m), _uniform(rng, ranges.base_shift_m)
+    half_image_m = _HALF_PX * arm.scale_m_per_px
+    inset_m, along_m = uniform(rng, ranges.base_inset_m), uniform(rng, ranges.base_shift_m)
     turn = _TURNS[ranges.base_side]
     inward, aside = np.array([math.cos(turn), math.sin(turn)]), np.array([-math.sin(turn), math.cos(turn)])
-    off = arm.scale_m_per_px * np.array([arm.centre_px[0], -arm.centre_px[1]])
-    place = (inset - half) * inward + along * aside - off
-    tilt = math.radians(_uniform(rng, ranges.base_tilt_deg))
-    spin = turn + math.radians(_uniform(rng, ranges.base_turn_deg))
-    turned = Pose.from_euler([rng.uniform(-0.1, 0.1), tilt, spin], np.zeros(3)).rotation
-    return Pose(axes.T @ turned, axes[:2].T @ place)
+    centre_m = arm.scale_m_per_px * np.array([arm.centre_px[0], -arm.centre_px[1]])
+    position_m = (inset_m - half_image_m) * inward + along_m * aside - centre_m
+    tilt_rad = math.radians(uniform(rng, ranges.base_tilt_deg))
+    spin_rad = turn + math.radians(uniform(rng, ranges.base_turn_deg))
+    rotation = Pose.from_euler([rng.uniform(-0.1, 0.1), tilt_rad, spin_rad], np.zeros(3)).rotation
+    return Pose(axes.T @ rotation, axes[:2].T @ position_m)
 
 
 def _catheter(ranges: XrayRanges, rng: np.random.Generator) -> CatheterConstruction:
-    step = ranges.ring_m + ranges.ring_gap_m
-    first = ranges.electrode_m + ranges.ring_gap_m
+    """Draws radius and materials of a catheter with three rings at fixed distances behind its electrode."""
+    pitch_m = ranges.ring_m + ranges.ring_gap_m
+    first_m = ranges.electrode_m + ranges.ring_gap_m
     return CatheterConstruction(
-        radius_m=0.5 * _uniform(rng, ranges.diameter_m),
+        radius_m=0.5 * uniform(rng, ranges.diameter_m),
         electrode_m=ranges.electrode_m,
-        rings_m=tuple((first + k * step, first + k * step + ranges.ring_m) for k in range(3)),
-        barium_sulphate=_uniform(rng, ranges.barium_sulphate),
-        wall=_uniform(rng, ranges.wall),
-        braid=_uniform(rng, ranges.braid),
-        core=_uniform(rng, ranges.core),
-        uneven=_uniform(rng, ranges.uneven),
+        rings_m=tuple((first_m + k * pitch_m, first_m + k * pitch_m + ranges.ring_m) for k in range(3)),
+        barium_sulphate=uniform(rng, ranges.barium_sulphate),
+        wall=uniform(rng, ranges.wall),
+        braid=uniform(rng, ranges.braid),
+        core=uniform(rng, ranges.core),
+        uneven=uniform(rng, ranges.uneven),
     )
 
 
 def _anatomy(ranges: XrayRanges, rng: np.random.Generator) -> Anatomy:
+    """Draws position and relative densities of a patient's organs, and the number of wires and leads."""
     return Anatomy(
-        spine_m=(_uniform(rng, ranges.spine_x_m), _uniform(rng, ranges.spine_y_m)),
-        bone=_uniform(rng, ranges.bone),
-        lung=_uniform(rng, ranges.lung),
-        dome_m=_uniform(rng, ranges.dome_m),
-        heart_size=_uniform(rng, ranges.heart_size),
+        spine_m=(uniform(rng, ranges.spine_x_m), uniform(rng, ranges.spine_y_m)),
+        bone=uniform(rng, ranges.bone),
+        lung=uniform(rng, ranges.lung),
+        dome_m=uniform(rng, ranges.dome_m),
+        heart_size=uniform(rng, ranges.heart_size),
         sternal_wires=int(rng.integers(4, 8)) if rng.random() < ranges.sternal_wires else 0,
         leads=int(rng.integers(ranges.leads[0], ranges.leads[1] + 1)),
     )
@@ -345,10 +335,10 @@ def _instruments(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Instrume
         route = str(rng.choice(list(_ROUTE_SHARES), p=list(_ROUTE_SHARES.values())))
         knots_mm, radius_m = _route(route, rng)
         spread_mm = _WIRE_SPREAD_MM if route == "wire" else _OTHER_SPREAD_MM
-        sway_m = _uniform(rng, ranges.sway_m)
+        sway_m = uniform(rng, ranges.sway_m)
         found.append(_instrument(_KINDS[route], radius_m, knots_mm, rng, sway_m, spread_mm))
     if rng.random() < ranges.probe:
-        radius_m, knots_mm = _uniform(rng, _PROBE_RADIUS_M), np.array(_PROBE_KNOTS_MM, np.float64)
+        radius_m, knots_mm = uniform(rng, _PROBE_RADIUS_M), np.array(_PROBE_KNOTS_MM, np.float64)
         found.append(_instrument("probe", radius_m, knots_mm, rng, _PROBE_SWAY_M, _PROBE_SPREAD_MM))
     return tuple(found)
 
@@ -393,13 +383,13 @@ def _instrument(
         sway_m: displacement of its end with the heart; the direction is drawn.
         spread_mm: standard deviation of each point about its usual place; the whole axis is shifted by twice that.
     """
-    moved = 1e-3 * (knots_mm + rng.normal(0, spread_mm, knots_mm.shape) + rng.normal(0, 2 * spread_mm, 3))
-    way = rng.normal(size=3)
-    way *= sway_m / float(np.linalg.norm(way))
+    knots_m = 1e-3 * (knots_mm + rng.normal(0, spread_mm, knots_mm.shape) + rng.normal(0, 2 * spread_mm, 3))
+    sway = rng.normal(size=3)
+    sway *= sway_m / float(np.linalg.norm(sway))
     return Instrument(
         kind=kind,
         radius_m=radius_m,
-        knots=tuple((float(x), float(y), float(z)) for x, y, z in moved),
-        sway_m=(float(way[0]), float(way[1]), float(way[2])),
+        knots=tuple((float(x), float(y), float(z)) for x, y, z in knots_m),
+        sway_m=(float(sway[0]), float(sway[1]), float(sway[2])),
         phase=rng.random(),
     )

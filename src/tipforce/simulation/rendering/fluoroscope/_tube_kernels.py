@@ -49,7 +49,10 @@ def _bell(x: float) -> float:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _seen(camera: FloatArray, points: FloatArray, nodes: FloatArray) -> None:
-    """Converts world ``points`` (n > 2, 3) to ``nodes`` (n, 7), see `add_side_view`."""
+    """Converts ``points`` (n > 2, 3) in the world of ``camera``, a `CameraModel.row`, to ``nodes`` (n, 7).
+
+    For the columns of the nodes see `add_side_view`; the derivatives are differences of second order.
+    """
     n = points.shape[0]
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -81,10 +84,11 @@ def _add_disc(
     weights: FloatArray,
     table: FloatImage,
 ) -> None:
-    """Adds a disc at u, v with the unit tangent (tu, tv) = ``at``, whose rim leans by ``lean_px`` along the tangent.
+    """Adds the attenuation of one thin disc of a tube, which appears as an ellipse, to ``drawn`` (h, w).
 
-    ``scale``: the disc's radius over the table's, ``half_px``; ``reach`` of the table, px; ``weights`` (materials,) of
-    its rows.
+    ``at``: u, v of its middle in px, and the unit tangent tu, tv of the tube's axis in the image; ``lean_px``: half the
+    length of the ellipse along the tangent; ``bend``: curvature of the axis, 1/px; ``scale``: the disc's radius over
+    the table's, ``half_px``; ``reach`` of the table, px; ``weights`` (materials,) of the table's rows.
     """
     h, w = drawn.shape
     qu, qv, tu, tv = at
@@ -95,6 +99,7 @@ def _add_disc(
     per_step = STEPS_PER_PX / scale
     last = table.shape[1] - 2
     for v in range(max(0, math.ceil(qv - tall)), min(h, math.floor(qv + tall) + 1)):
+        # Columns of this row within `along` of the middle along the tangent, and within `far` across it.
         y = v - qv
         low, high = -1e9, 1e9
         if abs(tu) > 1e-9:
@@ -120,15 +125,16 @@ def _add_disc(
             for m in range(weights.size):
                 if weights[m] != 0.0:
                     value += weights[m] * (table[m, k] + (table[m, k + 1] - table[m, k]) * part)
-            e = x * tu + y * tv
+            # The path length is spread along the tangent over the width of the ellipse here, with soft ends.
+            ahead = x * tu + y * tv
             if lean_px > 0.25:
                 share = across / half
                 q = max(lean_px * math.sqrt(max(1.0 - share * share, 0.0)), 0.25)
-                value *= (_bell((e + q) / _SOFT_PX) - _bell((e - q) / _SOFT_PX)) / (2.0 * q)
+                value *= (_bell((ahead + q) / _SOFT_PX) - _bell((ahead - q) / _SOFT_PX)) / (2.0 * q)
             else:
-                t = 1.0 - (e / _SOFT_PX) ** 2
-                value *= 0.9375 / _SOFT_PX * t * t
-            drawn[v, u] += value * (1.0 - bend * across)
+                fall = 1.0 - (ahead / _SOFT_PX) ** 2
+                value *= 0.9375 / _SOFT_PX * fall * fall  # (1 - e^2)^2, whose integral from -1 to 1 is 1 / 0.9375
+            drawn[v, u] += value * (1.0 - bend * across)  # discs are closer together on the inner side of a bend
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -150,16 +156,16 @@ def _add_discs(
     n = nodes.shape[0]
     weights = np.empty(table.shape[0])
     top = size.size - 2
-    s = 0.0
+    arc_m = 0.0
     for i in range(n - 1):
         j = i + 1
         dx, dy, dz = nodes[j, 0] - nodes[i, 0], nodes[j, 1] - nodes[i, 1], nodes[j, 2] - nodes[i, 2]
         length_m = math.sqrt(dx * dx + dy * dy + dz * dz)
         px_per_m = focal * 2.0 / (nodes[i, 2] + nodes[j, 2])
-        wide = radius_m * px_per_m
-        far = wide + 6.0
-        start_s = s
-        s += length_m
+        radius_px = radius_m * px_per_m
+        far = radius_px + 6.0
+        start_m = arc_m
+        arc_m += length_m
         if (
             discs[i] + discs[j] == 0.0
             or max(nodes[i, 3], nodes[j, 3]) < -far
@@ -169,24 +175,23 @@ def _add_discs(
             or min(nodes[i, 2], nodes[j, 2]) <= 0.0
         ):
             continue
-        seen_px = math.sqrt((nodes[j, 3] - nodes[i, 3]) ** 2 + (nodes[j, 4] - nodes[i, 4]) ** 2)
-        mx, my, mz = (
-            0.5 * (nodes[i, 0] + nodes[j, 0]),
-            0.5 * (nodes[i, 1] + nodes[j, 1]),
-            0.5 * (nodes[i, 2] + nodes[j, 2]),
-        )
+        chord_px = math.sqrt((nodes[j, 3] - nodes[i, 3]) ** 2 + (nodes[j, 4] - nodes[i, 4]) ** 2)
+        mx, my = 0.5 * (nodes[i, 0] + nodes[j, 0]), 0.5 * (nodes[i, 1] + nodes[j, 1])
+        mz = 0.5 * (nodes[i, 2] + nodes[j, 2])
+        # Of the angle between the axis and the ray through the middle of the segment.
         cosine = abs(dx * mx + dy * my + dz * mz) / (length_m * math.sqrt(mx * mx + my * my + mz * mz))
-        step_px = MAX_STEP_PX * (1.0 + min(1.0, wide * cosine))  # leaning discs are smeared more
-        count = max(1, math.ceil(max(seen_px / step_px, length_m * px_per_m / 2.0)))
+        step_px = MAX_STEP_PX * (1.0 + min(1.0, radius_px * cosine))  # leaning discs are smeared more
+        count = max(1, math.ceil(max(chord_px / step_px, length_m * px_per_m / 2.0)))
         turn = nodes[i, 5] * nodes[j, 6] - nodes[i, 6] * nodes[j, 5]
         norm = math.sqrt((nodes[i, 5] ** 2 + nodes[i, 6] ** 2) * (nodes[j, 5] ** 2 + nodes[j, 6] ** 2))
         bend = 0.0
-        if norm > 0.0 and seen_px > 0.2:
-            bend = math.asin(max(-1.0, min(1.0, turn / norm))) / seen_px
-            bend = max(-0.5 / wide, min(0.5 / wide, bend))
+        if norm > 0.0 and chord_px > 0.2:
+            bend = math.asin(max(-1.0, min(1.0, turn / norm))) / chord_px
+            bend = max(-0.5 / radius_px, min(0.5 / radius_px, bend))
         step = length_m / count
-        for c in range(count):
-            t = (c + 0.5) / count
+        for disc in range(count):
+            # Position (qu, qv) and tangent (tu, tv) of the disc in the image: a Hermite cubic between the nodes.
+            t = (disc + 0.5) / count
             t2, t3 = t * t, t * t * t
             h1, h2, h3, h4 = 2 * t3 - 3 * t2 + 1, t3 - 2 * t2 + t, 3 * t2 - 2 * t3, t3 - t2
             g1, g2, g4 = 6 * t2 - 6 * t, 3 * t2 - 4 * t + 1, 3 * t2 - 2 * t
@@ -199,37 +204,50 @@ def _add_discs(
                 tu, tv = tu / norm, tv / norm
             else:
                 tu, tv = 1.0, 0.0
-            from_s = (start_s + c * step) * POINTS_PER_M
-            to_s = from_s + step * POINTS_PER_M
-            a, b = min(int(from_s), top), min(int(to_s), top)
-            fa, fb = min(from_s - a, 1.0), min(to_s - b, 1.0)
+            # Amount of each material between both sides of the disc: a difference of the cumulative profile.
+            first_point = (start_m + disc * step) * POINTS_PER_M
+            last_point = first_point + step * POINTS_PER_M
+            a, b = min(int(first_point), top), min(int(last_point), top)
+            fa, fb = min(first_point - a, 1.0), min(last_point - b, 1.0)
             thick = size[(a + b) // 2]
-            mine = discs[i] + t * (discs[j] - discs[i])
+            share = discs[i] + t * (discs[j] - discs[i])
             empty = True
             for m in range(weights.size):
                 before = amount[m, a] + (amount[m, a + 1] - amount[m, a]) * fa
-                weights[m] = (amount[m, b] + (amount[m, b + 1] - amount[m, b]) * fb - before) * px_per_m * thick * mine
+                weights[m] = (amount[m, b] + (amount[m, b + 1] - amount[m, b]) * fb - before) * px_per_m * thick * share
                 empty = empty and weights[m] == 0.0
             if empty:
                 continue
-            scale = max(thick, 0.2) * wide / half_px
+            scale = max(thick, 0.2) * radius_px / half_px
             _add_disc(
-                drawn, spans, (qu, qv, tu, tv), thick * wide * cosine, bend, scale, half_px, reach_px, weights, table
+                drawn,
+                spans,
+                (qu, qv, tu, tv),
+                thick * radius_px * cosine,
+                bend,
+                scale,
+                half_px,
+                reach_px,
+                weights,
+                table,
             )
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _part(nodes: FloatArray, discs: FloatArray) -> tuple[bool, bool]:
-    """Sets ``discs`` (n,) to 1 at nodes of stretches seen from their end, else to 0; returns if any is 1, and is 0."""
+    """Writes 1 into ``discs`` (n,) at both nodes of a segment that leans toward the source (see `_LEAN`), else 0.
+
+    ``nodes`` (n, 7): see `add_side_view`. Returns whether any node is 1 (drawn as discs), and whether any is 0.
+    """
     discs[:] = 0.0
     for i in range(nodes.shape[0] - 1):
-        along, total, size = 0.0, 0.0, 0.0
+        dot, square_length, square_distance = 0.0, 0.0, 0.0
         for k in range(3):
-            d = nodes[i + 1, k] - nodes[i, k]
-            along += d * nodes[i, k]
-            total += d * d
-            size += nodes[i, k] * nodes[i, k]
-        if along * along > _LEAN * total * size:
+            step = nodes[i + 1, k] - nodes[i, k]
+            dot += step * nodes[i, k]
+            square_length += step * step
+            square_distance += nodes[i, k] * nodes[i, k]
+        if dot * dot > _LEAN * square_length * square_distance:
             discs[i] = discs[i + 1] = 1.0
     return discs.max() > 0.0, discs.min() < 1.0
 
@@ -264,10 +282,10 @@ def add_tube(
     nodes = np.empty((points.shape[0], 7))
     _seen(camera, points, nodes)
     discs = np.empty(points.shape[0])
-    some, others = _part(nodes, discs)
-    if some:
+    any_disc, any_side_view = _part(nodes, discs)
+    if any_disc:
         _add_discs(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
-    if others:
+    if any_side_view:
         add_side_view(drawn, spans, camera[1], nodes, discs, radius_m, table, half_px, reach_px, amount, size)
 
 
@@ -336,30 +354,33 @@ def _lay_slab(
     size: FloatArray,
     active: IntArray,
 ) -> None:
-    """Adds the absorption of ``kept`` pixels of a slab to ``drawn``; ``heap``: their u, v, distances to its planes.
+    """Adds the attenuation of one segment (``stretch``) of a tube at ``kept`` pixels to ``drawn`` (h, w).
 
-    Steps without a table go through vector instructions, with roots and divisions: all numbers are in one array, a
-    fixed way apart, so that the compiler sees that they do not overlap.
+    ``heap`` has six blocks of `_CAPACITY` numbers: u, v, distance ahead of the segment's first plane and before its
+    second one in px, and two for results. The first loop has no table look-ups, so that the compiler makes vector
+    instructions of it; blocks at fixed distances show the compiler that they do not overlap. ``active``: numbers of the
+    materials in this segment; the other arguments: see `add_side_view`.
     """
     last, top = table.shape[1] - 2, size.size - 2
     ax, ay, x1, y1, x2, y2, x3, y3 = stretch.axis
-    start_s, length_m, wide, lean, metres = stretch.sizes
+    start_s, segment_m, radius_px, lean, metres = stretch.sizes
     for i in range(kept):
-        u, v, ahead, left = heap[i], heap[i + _CAPACITY], heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY]
+        u, v, ahead, before_end = heap[i], heap[i + _CAPACITY], heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY]
         # Exact for a circle's arc: the share of the way at which the axis passes beside the pixel.
-        t = ahead / (ahead + left)
+        t = ahead / (ahead + before_end)
         c = min(max(t, 0.0), 1.0)
+        # Nearest point (qx, qy) of the axis, and its tangent (gx, gy).
         qx, qy = ((x3 * c + x2) * c + x1) * c + ax, ((y3 * c + y2) * c + y1) * c + ay
         gx, gy = (3 * x3 * c + 2 * x2) * c + x1, (3 * y3 * c + 2 * y2) * c + y1
         across = ((v - qy) * gx - (u - qx) * gy) / math.sqrt(gx * gx + gy * gy)
-        share = across / wide
+        share = across / radius_px
         smear = (0.6 + lean * math.sqrt(max(1.0 - share * share, 0.0))) * metres * POINTS_PER_M
-        heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY] = c, (start_s + t * length_m) * POINTS_PER_M
+        heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY] = c, (start_s + t * segment_m) * POINTS_PER_M
         heap[i + 4 * _CAPACITY], heap[i + 5 * _CAPACITY] = abs(across) * half_px, smear
     for i in range(kept):
         c, middle, smear = heap[i + 2 * _CAPACITY], heap[i + 3 * _CAPACITY], heap[i + 5 * _CAPACITY]
-        thick = size[min(max(int(middle), 0), top)]
-        column = heap[i + 4 * _CAPACITY] / (wide * max(thick, 0.2)) * STEPS_PER_PX
+        relative_radius = size[min(max(int(middle), 0), top)]
+        column = heap[i + 4 * _CAPACITY] / (radius_px * max(relative_radius, 0.2)) * STEPS_PER_PX
         k = int(column)
         if k > last:
             continue
@@ -369,12 +390,12 @@ def _lay_slab(
         fe, ff = min(low_s - e, 1.0), min(high_s - f, 1.0)
         value = 0.0
         for m in active:
-            much = amount[m, f] + (amount[m, f + 1] - amount[m, f]) * ff
-            much -= amount[m, e] + (amount[m, e + 1] - amount[m, e]) * fe
-            value += much * (table[m, k] + (table[m, k + 1] - table[m, k]) * part)
+            length_m = amount[m, f] + (amount[m, f + 1] - amount[m, f]) * ff
+            length_m -= amount[m, e] + (amount[m, e + 1] - amount[m, e]) * fe
+            value += length_m * (table[m, k] + (table[m, k + 1] - table[m, k]) * part)
         value *= 1.0 - stretch.discs[0] - c * (stretch.discs[1] - stretch.discs[0])
         v, u = int(heap[i + _CAPACITY]), int(heap[i])
-        drawn[v, u] += value * thick * stretch.thicker * POINTS_PER_M / (2.0 * smear)
+        drawn[v, u] += value * relative_radius * stretch.thicker * POINTS_PER_M / (2.0 * smear)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=STEADY)
@@ -413,32 +434,32 @@ def add_side_view(
     materials = table.shape[0]
     top = size.size - 2
     active, heap = np.empty(materials, np.int64), np.empty(6 * _CAPACITY)
-    s = 0.0
+    arc_m = 0.0
     for i in range(n - 1):
         j = i + 1
         dx, dy, dz = nodes[j, 0] - nodes[i, 0], nodes[j, 1] - nodes[i, 1], nodes[j, 2] - nodes[i, 2]
         length_m = math.sqrt(dx * dx + dy * dy + dz * dz)
         px_per_m = focal * 2.0 / (nodes[i, 2] + nodes[j, 2])
-        start_s = s
-        s += length_m
-        if discs[i] + discs[j] == 2.0:
+        start_m = arc_m
+        arc_m += length_m
+        if discs[i] + discs[j] == 2.0:  # all of this segment is drawn as discs
             continue
-        wide = radius_m * px_per_m
-        far = reach_px * wide / half_px
+        radius_px = radius_m * px_per_m
+        far = reach_px * radius_px / half_px
         ax, ay, bx, by = nodes[i, 3], nodes[i, 4], nodes[j, 3], nodes[j, 4]
         if max(ax, bx) < -far or min(ax, bx) > w + far or max(ay, by) < -far or min(ay, by) > h + far:
             continue
         chord = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
         p, q = math.sqrt(nodes[i, 5] ** 2 + nodes[i, 6] ** 2), math.sqrt(nodes[j, 5] ** 2 + nodes[j, 6] ** 2)
         tx, ty, ox, oy = nodes[i, 5] / p, nodes[i, 6] / p, nodes[j, 5] / q, nodes[j, 6] / q
-        metres = length_m / chord  # along the tube, a pixel of the image
-        thicker = metres * px_per_m
-        lean = wide * math.sqrt(max(1.0 - 1.0 / (thicker * thicker), 0.0))
+        metres = length_m / chord  # of the tube that a pixel of the image shows
+        thicker = metres * px_per_m  # path through the leaning tube over that through a tube across the ray
+        lean = radius_px * math.sqrt(max(1.0 - 1.0 / (thicker * thicker), 0.0))  # of a disc's rim along the axis, px
         before, after = (2.0 if i == 0 else 0.0), (2.0 if j == n - 1 else 0.0)  # the ends' blurred edges
         # Only the materials on this piece are looked up; the smear reaches over its ends.
         margin = (0.6 + lean + 2.0) * metres
-        first = min(max(int((start_s - margin) * POINTS_PER_M), 0), top)
-        final = min(max(int((s + margin) * POINTS_PER_M) + 1, 0), top + 1)
+        first = min(max(int((start_m - margin) * POINTS_PER_M), 0), top)
+        final = min(max(int((arc_m + margin) * POINTS_PER_M) + 1, 0), top + 1)
         count = 0
         for m in range(materials):
             if amount[m, final] != amount[m, first]:
@@ -452,12 +473,13 @@ def add_side_view(
         x3, y3 = 2 * (ax - bx) + x1 + nodes[j, 5], 2 * (ay - by) + y1 + nodes[j, 6]
         mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
         cx, cy = (bx - ax) / chord, (by - ay) / chord
-        bow = 0.15 * chord * abs(tx * oy - ty * ox) + 0.5
-        axis, sizes = (ax, ay, x1, y1, x2, y2, x3, y3), (start_s, length_m, wide, lean, metres)
+        bow = 0.15 * chord * abs(tx * oy - ty * ox) + 0.5  # largest distance of the axis from its chord, px
+        axis, sizes = (ax, ay, x1, y1, x2, y2, x3, y3), (start_m, length_m, radius_px, lean, metres)
         stretch = _Segment(axis, sizes, (discs[i], discs[j]), thicker)
         kept = 0
         for v in range(max(0, int(min(ay, by) - far - 2.0)), min(h, int(max(ay, by) + far + 2.0) + 2)):
             low, high = max(0, int(min(ax, bx) - far - 2.0)), min(w, int(max(ax, bx) + far + 2.0) + 2)
+            # Columns between the planes at both nodes, and within `far` of the axis.
             low, high = columns(low, high, tx, (v - ay) * ty - ax * tx + before)
             low, high = columns(low, high, -ox, (by - v) * oy + bx * ox + after)
             level = (v - my) * cx + mx * cy
@@ -468,15 +490,11 @@ def add_side_view(
             spans[v, 0] = min(spans[v, 0], low)
             spans[v, 1] = max(spans[v, 1], high)
             for u in range(low, high):
-                ahead, left = (u - ax) * tx + (v - ay) * ty, (bx - u) * ox + (by - v) * oy
-                if ahead < -before or left <= -after:
+                ahead, before_end = (u - ax) * tx + (v - ay) * ty, (bx - u) * ox + (by - v) * oy
+                if ahead < -before or before_end <= -after:
                     continue
-                heap[kept], heap[kept + _CAPACITY], heap[kept + 2 * _CAPACITY], heap[kept + 3 * _CAPACITY] = (
-                    u,
-                    v,
-                    ahead,
-                    left,
-                )
+                heap[kept], heap[kept + _CAPACITY] = u, v
+                heap[kept + 2 * _CAPACITY], heap[kept + 3 * _CAPACITY] = ahead, before_end
                 kept += 1
                 if kept == _CAPACITY:
                     _lay_slab(drawn, heap, kept, stretch, table, half_px, amount, size, active[:count])

@@ -16,6 +16,7 @@ from ....types import FloatArray, IntArray
 from ._tube_kernels import POINTS_PER_M, STEPS_PER_PX, FloatImage, add_tube
 
 _OPAQUE = 12.0
+"""Largest attenuation: exp(-12) of the light passes, and its logarithm stays finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,21 +96,21 @@ def section_profiles(
     Returns:
         The tables.
     """
-    half = radius_m * px_per_m
-    reach = math.ceil(half + 4.0 * blur_px) + 1.0
-    fine = 8 * STEPS_PER_PX
-    at = (np.arange(-int(1.5 * reach * fine), int(1.5 * reach * fine) + 1)) / fine
-    tail = np.arange(-math.ceil(5 * blur_px * fine), math.ceil(5 * blur_px * fine) + 1) / fine
-    kernel = np.exp(-0.5 * (tail / blur_px) ** 2)
+    half_px = radius_m * px_per_m
+    reach_px = math.ceil(half_px + 4.0 * blur_px) + 1.0
+    fine = 8 * STEPS_PER_PX  # the convolution is done in steps eight times finer than the table's
+    across_px = (np.arange(-int(1.5 * reach_px * fine), int(1.5 * reach_px * fine) + 1)) / fine
+    kernel_px = np.arange(-math.ceil(5 * blur_px * fine), math.ceil(5 * blur_px * fine) + 1) / fine
+    kernel = np.exp(-0.5 * (kernel_px / blur_px) ** 2)
     kernel /= kernel.sum()
-    middle = at.size // 2
-    picked = middle + np.arange(int(reach) * STEPS_PER_PX + 2) * 8
-    table = np.empty((len(materials), picked.size), np.float32)
+    middle = across_px.size // 2
+    table_steps = middle + np.arange(int(reach_px) * STEPS_PER_PX + 2) * 8
+    table = np.empty((len(materials), table_steps.size), np.float32)
     for k, layers in enumerate(materials):
-        left = np.exp(-np.minimum(chord_attenuation(layers, radius_m, at / px_per_m), _OPAQUE))
-        table[k] = -np.log(np.convolve(left, kernel, mode="same"))[picked]
-    table[:, -2:] = 0.0
-    return SectionProfile(table, half, reach)
+        transmitted = np.exp(-np.minimum(chord_attenuation(layers, radius_m, across_px / px_per_m), _OPAQUE))
+        table[k] = -np.log(np.convolve(transmitted, kernel, mode="same"))[table_steps]
+    table[:, -2:] = 0.0  # beyond the reach, where the kernels read one step too far
+    return SectionProfile(table, half_px, reach_px)
 
 
 def axial_profile(length_m: float, sections: list[tuple[float, float, int, float]], materials: int) -> AxialProfile:

@@ -1,4 +1,4 @@
-"""Differences between X-ray laboratories: collimator, display, table, patient, instruments; ranges and one draw."""
+"""Differences between X-ray laboratories: collimator, display, table, patient, devices. Numbers are usual ranges."""
 
 import math
 from dataclasses import dataclass
@@ -219,6 +219,7 @@ def sample_variety(
 
 
 def _collimator(ranges: XrayVarietyRanges, rng: np.random.Generator, circle: float) -> Collimator:
+    """Draws blades and wedge of one view; ``circle``: radius of its round field, 0 without one."""
     bladed = rng.random() < ranges.blades
     left, right, top, bottom = (
         uniform(rng, ranges.blade_inset) if bladed and rng.random() < 0.6 else 0.0 for _ in range(4)
@@ -236,6 +237,7 @@ def _collimator(ranges: XrayVarietyRanges, rng: np.random.Generator, circle: flo
 
 
 def _processing(ranges: XrayVarietyRanges, rng: np.random.Generator, round_field: bool) -> DisplayProcessing:
+    """Draws the vendor's processing and the text in the four corners; a round field has darker corners, too."""
     shown = rng.random() < ranges.text
     lines = [int(rng.integers(0, 5)) if shown and rng.random() < 0.6 else 0 for _ in range(4)]
     return DisplayProcessing(
@@ -256,20 +258,23 @@ def _processing(ranges: XrayVarietyRanges, rng: np.random.Generator, round_field
 def _pans(
     ranges: XrayVarietyRanges, rng: np.random.Generator, right: FloatArray, up: FloatArray, views: int
 ) -> tuple[tuple[Pan, ...], ...]:
-    """Draws the motions: of the table, which all views see, or of the C-arm of one view."""
+    """Draws the motions, for each view: of the table, which all views show, or of the C-arm of one view.
+
+    A motion is in the plane of the first image, whose directions ``right`` and ``up`` (3,) are in the patient's frame.
+    """
     if rng.random() >= ranges.panned:
         return ((),) * views
     pans: list[Pan] = []
-    at, seconds = uniform(rng, (1.0, 6.0)), 0.0
+    start_s, seconds = uniform(rng, (1.0, 6.0)), 0.0
     for _ in range(int(rng.integers(1, 4))):
-        turn, size = uniform(rng, (0.0, 2.0 * math.pi)), uniform(rng, ranges.pan_m)
-        x, y, z = size * (math.cos(turn) * right + math.sin(turn) * up)
+        direction_rad, distance_m = uniform(rng, (0.0, 2.0 * math.pi)), uniform(rng, ranges.pan_m)
+        x, y, z = distance_m * (math.cos(direction_rad) * right + math.sin(direction_rad) * up)
         seconds = uniform(rng, ranges.pan_s)
-        way = (float(x), float(y), float(z))
-        pans.append(Pan(at, seconds, way))
+        way_m = (float(x), float(y), float(z))
+        pans.append(Pan(start_s, seconds, way_m))
         # the operator pans back, else the catheter would leave the image
-        pans.append(Pan(at + seconds + uniform(rng, (2.0, 12.0)), seconds, (-way[0], -way[1], -way[2])))
-        at = pans[-1].start_s + seconds + uniform(rng, (3.0, 15.0))
+        pans.append(Pan(start_s + seconds + uniform(rng, (2.0, 12.0)), seconds, (-way_m[0], -way_m[1], -way_m[2])))
+        start_s = pans[-1].start_s + seconds + uniform(rng, (3.0, 15.0))
     moving = int(rng.integers(views)) if views > 1 and rng.random() < 0.4 else None
     return tuple(tuple(pans) if moving in (None, view) else () for view in range(views))
 
@@ -292,11 +297,12 @@ def pan_m(pans: tuple[Pan, ...], time_s: float) -> FloatArray:
 
 
 def _patient(ranges: XrayVarietyRanges, rng: np.random.Generator, right: FloatArray, up: FloatArray) -> PatientVariety:
+    """Draws bone texture, airways, gas, a pacemaker and contrast agent; ``right``, ``up``: see `sample_variety`."""
     can = None
     if rng.random() < ranges.can:
         # at the border of the first image, and near the skin
-        side, high = rng.choice([-1.0, 1.0]) * rng.uniform(45e-3, 75e-3), rng.uniform(15e-3, 75e-3)
-        x, y, z = side * right + high * up
+        right_m, up_m = rng.choice([-1.0, 1.0]) * rng.uniform(45e-3, 75e-3), rng.uniform(15e-3, 75e-3)
+        x, y, z = right_m * right + up_m * up
         can = (float(x), float(y) - 0.04, float(z))
     injection = None
     if rng.random() < ranges.injection:
