@@ -45,7 +45,11 @@ SCHEMAS: dict[str, str] = {
 
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _ESTIMATE_NUMBERS = 3 + 9 + 6 + 1 + 2 + 1
-_START = 4  # alignment counts from the end of the encapsulation header
+"""Floats of a ForceEstimate: force, covariance, intervals, magnitude, its interval, probability of contact."""
+_START = 4
+"""Bytes of the encapsulation header. A field starts at a multiple of its own size, counted from there."""
+WRENCH_BYTES = 48
+"""Six numbers of 8 bytes."""
 
 
 def _string(text: str) -> bytes:
@@ -54,6 +58,7 @@ def _string(text: str) -> bytes:
 
 
 def _padded(raw: bytes, step: int) -> bytes:
+    """Appends zeros until the next field, of ``step`` bytes, is aligned."""
     return raw + bytes(-(len(raw) - _START) % step)
 
 
@@ -108,7 +113,7 @@ def pack_joints(stamp_ns: int, values: Mapping[str, float]) -> bytes:
     raw = _padded(raw, 4) + struct.pack("<I", len(values))
     if values:
         raw = _padded(raw, 8) + struct.pack(f"<{len(values)}d", *values.values())
-    return raw + struct.pack("<II", 0, 0)
+    return raw + struct.pack("<II", 0, 0)  # no velocities, no efforts
 
 
 def pack_estimate(stamp_ns: int, estimate: ForceEstimate, frame: str = "base") -> bytes:
@@ -144,6 +149,7 @@ class _Cursor:
         self.raw, self.at = raw, _START
 
     def take(self, layout: str, step: int) -> tuple[float, ...]:
+        """Returns the next numbers of the struct format ``layout``, which are aligned to ``step`` bytes."""
         self.at += -(self.at - _START) % step
         values = struct.unpack_from("<" + layout, self.raw, self.at)
         self.at += struct.calcsize("<" + layout)
@@ -218,4 +224,4 @@ def wrench_layout(raw: bytes | memoryview) -> tuple[str, int]:
     cursor.stamp()
     frame = cursor.text()
     cursor.take("6d", 8)
-    return frame, cursor.at - 48
+    return frame, cursor.at - WRENCH_BYTES

@@ -187,14 +187,14 @@ class Inertia:
 def _texts(fact: "ClockMap | Inertia | Tare", meaning: str) -> dict[str, str]:
     """Returns the metadata record of a fact: each field as text, and the meaning of the record."""
     texts: dict[str, str] = {}
-    for each in fields(fact):
-        value = getattr(fact, each.name)
+    for name in (each.name for each in fields(fact)):
+        value = getattr(fact, name)
         if isinstance(value, str | int):
-            texts[each.name] = str(value)
+            texts[name] = str(value)
         elif isinstance(value, float):
-            texts[each.name] = repr(float(value))
+            texts[name] = repr(float(value))
         else:
-            texts[each.name] = json.dumps(value.tolist() if isinstance(value, np.ndarray) else value)
+            texts[name] = json.dumps(value.tolist() if isinstance(value, np.ndarray) else value)
     return {**texts, "meaning": meaning}
 
 
@@ -210,16 +210,16 @@ def _values(kind: type, record: Mapping[str, str], hows: Sequence[str]) -> dict[
         ValueError, FileFormatError: a text is no value of its field.
     """
     values: dict[str, Any] = {}
-    for each in fields(kind):
-        text = record.get(each.name)
+    for attribute in fields(kind):
+        text = record.get(attribute.name)
         if text is None:
             continue
-        if isinstance(each.default, str):
-            values[each.name] = text
-        elif isinstance(each.default, int | float):
-            values[each.name] = type(each.default)(text)
+        if isinstance(attribute.default, str):
+            values[attribute.name] = text
+        elif isinstance(attribute.default, int | float):
+            values[attribute.name] = type(attribute.default)(text)
         else:
-            values[each.name] = parse_json(text, each.name)
+            values[attribute.name] = parse_json(text, attribute.name)
     values["how"] = values["how"] if values.get("how") in hows else "none"
     rate = values.get("rate", 1.0)
     if not (math.isfinite(rate) and rate > 0.0):

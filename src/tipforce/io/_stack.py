@@ -28,12 +28,10 @@ class ImageStack:
         pages = tiff_pages(data)
         self._numbers = tuple(pages)
         self._bits: int | None = None
-        sizes = {size: number for number, size in pages.items()}
-        if len(sizes) > 1:
-            said = " and ".join(
-                f"{width} x {height} pixels (page {sizes[width, height] + 1})" for width, height in sizes
-            )
-            raise FileFormatError(f"{path}: its pages differ in size: {said}; save those of one camera in a file")
+        page_of_size = {size: number for number, size in pages.items()}
+        if len(page_of_size) > 1:
+            listed = " and ".join(f"{size[0]} x {size[1]} pixels (page {n + 1})" for size, n in page_of_size.items())
+            raise FileFormatError(f"{path}: its pages differ in size: {listed}; save those of one camera in a file")
 
     @property
     def frame_count(self) -> int:

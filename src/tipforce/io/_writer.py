@@ -255,7 +255,7 @@ class RecordingWriter:
 
     def _fail(self, why: str) -> OutputError:
         """Ends the writing; the error states how much of the recording is left."""
-        file = os.dup(self._stream.fileno())
+        file = os.dup(self._stream.fileno())  # stays open when the stream is closed below
         self._failed = OutputError(f"{why}; {self._left(os.fstat(file).st_nlink)}")
         with contextlib.suppress(OSError):  # its buffer cannot be written either
             self._held.close()
@@ -266,6 +266,7 @@ class RecordingWriter:
         return self._failed
 
     def _left(self, links: int) -> str:
+        """Returns the remainder of the recording, for a message; the file has ``links`` names, 0 if it was removed."""
         if links == 0 or self._kept is None:
             return "nothing of this recording is kept"
         where = f"{self.part}" if self.part.exists() else f"{self.part.name}, wherever it was moved to"
@@ -284,6 +285,7 @@ class RecordingWriter:
             raise TimeError(f"{self.path}: the stamp {stamp_ns} ns is before zero, which the format cannot hold")
 
     def _add(self, topic: str, schema: str, stamp_ns: int, message: bytes) -> None:
+        """Adds a packed message to the current chunk, and ends the chunk when it is old or long enough."""
         with self._lock:
             if self._closed:
                 raise FileFormatError(f"{self.path}: the recording is closed")
@@ -307,6 +309,7 @@ class RecordingWriter:
         return self._channels[topic]
 
     def _flush(self) -> None:
+        """Ends the current chunk and hands it to the operating system; the caller holds the lock."""
         with self._keeping_whole_records():
             self._mcap.flush()
             self._check_in_place()

@@ -81,6 +81,7 @@ class VideoWriter:
         self._last_ticks = ticks
 
     def _opened(self, image: Image) -> tuple[av.VideoStream, OutputContainer]:
+        """Returns stream and file; the first image, (h, w) or (h, w, 3), opens them and gives the size."""
         if self._container is None or self._stream is None:
             # the offset of a first frame later than zero is in the timescale of the file, which would be milliseconds
             part = self._file.enter_context(atomic_path(self.path))
@@ -98,6 +99,7 @@ class VideoWriter:
         return self
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Finishes the file and gives it its name; after an error removes it."""
         if self._container is None or self._stream is None:
             if error is None:
                 raise InputError(f"{self.path}: there is not one frame to write")
