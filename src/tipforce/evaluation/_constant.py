@@ -48,10 +48,10 @@ class Constant(Estimator):
         """
         if not len(dataset):
             raise InputError("the constant predictor got no samples to take the mean of; give it at least one")
-        known = np.asarray(dataset.known)
+        known = np.asarray(dataset.known)  # (3,) axes that the sensor measures
         force, magnitude = dataset.force_n, dataset.magnitude_n
-        square = np.outer(known, known)
-        covariance = np.where(square, np.cov(np.nan_to_num(force), rowvar=False, bias=True), math.nan)
+        both_known = np.outer(known, known)
+        covariance = np.where(both_known, np.cov(np.nan_to_num(force), rowvar=False, bias=True), math.nan)
         self.estimate_ = ForceEstimate(
             stamp_ns=0, force_n=np.where(known, np.mean(force, axis=0), math.nan), known=known,
             covariance_n2=covariance, interval_n=np.full((3, 2), math.nan), magnitude_n=float(magnitude.mean()),
@@ -122,10 +122,10 @@ class Constant(Estimator):
         files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
         """Makes a fitted predictor from the result of `state`; see `Estimator.from_state`."""
-        made = cls(_NoSettings.model_validate(dict(settings)))
-        made.estimate_ = ForceEstimate(
+        predictor = cls(_NoSettings.model_validate(dict(settings)))
+        predictor.estimate_ = ForceEstimate(
             stamp_ns=0, magnitude_n=float(values["magnitude_n"]), force_n=arrays["force_n"], known=arrays["known"],
             covariance_n2=arrays["covariance_n2"], interval_n=arrays["interval_n"],
             magnitude_interval_n=arrays["magnitude_interval_n"],
         )  # fmt: skip
-        return made
+        return predictor

@@ -45,8 +45,7 @@ def percent_of_true(reference_n: FloatArray, estimate_n: FloatArray) -> FloatArr
     >>> percent_of_true(np.array([0.2, -0.2, 0.001]), np.array([0.21, -0.21, 0.002])).round(6)
     array([ 5.,  5., nan])
     """
-    sure = np.abs(reference_n) > CONTACT_N
-    divisor = np.where(sure, reference_n, np.nan)
+    divisor = np.where(np.abs(reference_n) > CONTACT_N, reference_n, np.nan)
     return 100.0 * (estimate_n - reference_n) / divisor
 
 

@@ -175,9 +175,10 @@ class ScoredData:
         )
         if self.truth_n is None:
             return MethodResult(predictions, metrics, fits=tuple(fits))
-        true = with_reference(predictions, self.truth_n)
-        true_metrics = score_of(true, contact_angle_deg=None if angle is None else angle[true.index])
-        ratios = None if self.bounds is None or not self.bounds.std_n else self.bounds.ratios(true)
+        against_truth = with_reference(predictions, self.truth_n)
+        angle_of_truth = None if angle is None else angle[against_truth.index]
+        true_metrics = score_of(against_truth, contact_angle_deg=angle_of_truth)
+        ratios = None if self.bounds is None or not self.bounds.std_n else self.bounds.ratios(against_truth)
         return MethodResult(predictions, metrics, true_metrics, ratios, tuple(fits))
 
 
@@ -224,6 +225,7 @@ def run_protocol(
     for number, split in enumerate(splits):
         step = f"{method.label}, {protocol} {number + 1}/{len(splits)}"
 
+        # the defaults keep the step of this split
         def report(_: str, share: float, *, step: str = step, number: int = number) -> None:
             if progress is not None:
                 progress(step, (number + share) / len(splits))
@@ -316,8 +318,8 @@ def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str
         saved = method.as_it_comes
         assert saved is not None
         fit = FittedSplit(AS_SAVED, split, 0.0, saved.describe(), saved)
-        found = _predict(saved, method.label, AS_SAVED, AS_SAVED, data, index)
-        results.append(data.result(found, constant, [fit]))
+        predictions = _predict(saved, method.label, AS_SAVED, AS_SAVED, data, index)
+        results.append(data.result(predictions, constant, [fit]))
     return [*results, data.result(constant, constant, [FittedSplit(AS_SAVED, split, 0.0, mean.describe(), mean)])]
 
 
@@ -331,11 +333,11 @@ def fine_tuning_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:
     Returns:
         One sentence for each such method.
     """
-    found = {method.label: _trained_on(method, dataset) for method in methods if method.saved is None}
+    seen_by = {method.label: _trained_on(method, dataset) for method in methods if method.saved is None}
     return [
         f"{label} is fine-tuned from weights that were trained on {len(seen)} of {len(dataset.sessions)} sessions of "
         f"these data ({_some(seen)}): where they are tested on they are not new to it."
-        for label, seen in found.items()
+        for label, seen in seen_by.items()
         if seen
     ]
 

@@ -149,7 +149,7 @@ class GenICamCamera(Driver):
             raise DeviceError(f"{self._where}: the size of its images changed from {self._size} to {size_of(image)}")
         latency_ns = round(self.config.latency_ms * 1e6)
         wait_ns, self._asked_ns = self._wait.wait_ns(self._asked_ns, arrival), 0
-        if device_ns is not None:
+        if device_ns is not None:  # the stamp of the camera states the wait more precisely
             wait_ns = arrival - self._map.host_ns(device_ns, arrival)
         self._late.check(self._where, wait_ns, arrival)
         if device_ns is not None:
@@ -184,18 +184,17 @@ class GenICamCamera(Driver):
             raise DeviceError(f"{self._where}: gives {form}; set PixelFormat to one of 8 bits in nodes")
         if form == "Mono8":
             return data.reshape(height, width).copy()
+        target = "GRAY" if self.config.grey else "RGB"
         if form in _BAYER:
-            to = "GRAY" if self.config.grey else "RGB"
-            return cv2.cvtColor(data.reshape(height, width), getattr(cv2, f"COLOR_{_BAYER[form]}2{to}"))
+            return cv2.cvtColor(data.reshape(height, width), getattr(cv2, f"COLOR_{_BAYER[form]}2{target}"))
         channels = {"RGB8": 3, "BGR8": 3, "RGBa8": 4, "BGRa8": 4}.get(form)
         if channels is None:
             raise DeviceError(
                 f"{self._where}: gives {form}; expected Mono8, RGB8, BGR8, RGBa8, BGRa8 or an 8-bit Bayer"
             )
-        whole = data.reshape(height, width, channels)
+        image = data.reshape(height, width, channels)
         order = ("RGB" if form.startswith("RGB") else "BGR") + ("A" if channels == 4 else "")
-        to = "GRAY" if self.config.grey else "RGB"
-        return whole.copy() if order == to else cv2.cvtColor(whole, getattr(cv2, f"COLOR_{order}2{to}"))
+        return image.copy() if order == target else cv2.cvtColor(image, getattr(cv2, f"COLOR_{order}2{target}"))
 
     def close(self) -> None:
         """Stops the camera and releases the producer."""

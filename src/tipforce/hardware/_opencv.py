@@ -151,7 +151,7 @@ class OpenCvCamera(Driver):
         self._capture = self._opened()
         if not self._capture.isOpened():
             raise DeviceError(f"{self._where}: cannot be opened; is it there, and does nobody else use it?")
-        wanted: list[tuple[str, int, float | None]] = [
+        requested: list[tuple[str, int, float | None]] = [
             ("fourcc", cv2.CAP_PROP_FOURCC, None if config.fourcc is None else _code(config.fourcc)),
             ("width", cv2.CAP_PROP_FRAME_WIDTH, config.width),
             ("height", cv2.CAP_PROP_FRAME_HEIGHT, config.height),
@@ -160,7 +160,7 @@ class OpenCvCamera(Driver):
             ("exposure", cv2.CAP_PROP_EXPOSURE, config.exposure),
             ("gain", cv2.CAP_PROP_GAIN, config.gain),
         ]
-        for _, number, value in wanted:
+        for _, number, value in requested:
             if value is not None:
                 self._capture.set(number, value)
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
@@ -172,21 +172,21 @@ class OpenCvCamera(Driver):
         if not whole:
             raise DeviceError(f"{self._where}: gives no image")
         self._size = size_of(image)
-        found: list[Setting] = []
-        for name, number, value in wanted:
+        settings: list[Setting] = []
+        for name, number, value in requested:
             actual = float(self._capture.get(number))
             if name == "fourcc":
-                found.append(Setting(name, config.fourcc, _letters(actual)))
+                settings.append(Setting(name, config.fourcc, _letters(actual)))
             elif name in ("width", "height"):  # of the image; the driver may report other values
-                found.append(Setting(name, value, float(image.shape[1 if name == "width" else 0])))
+                settings.append(Setting(name, value, float(image.shape[1 if name == "width" else 0])))
             else:
-                found.append(Setting(name, value, actual))
-        return tuple(found)
+                settings.append(Setting(name, value, actual))
+        return tuple(settings)
 
     def _connect_stream(self, stream: NetworkStream, clock: Clock) -> tuple[Setting, ...]:
         """Opens an address; the requested settings are compared with those of the images."""
-        asked = {"width": self.config.width, "height": self.config.height}
-        return tuple(Setting(each.name, asked.get(each.name), each.actual) for each in stream.open(clock))
+        requested = {"width": self.config.width, "height": self.config.height}
+        return tuple(Setting(each.name, requested.get(each.name), each.actual) for each in stream.open(clock))
 
     def read(self, timeout_s: float) -> Sequence[Event]:
         """Returns the next image; waits as long as OpenCV does. An image that waited too long in a buffer is left out.
@@ -208,6 +208,7 @@ class OpenCvCamera(Driver):
         wait_ns = self._wait.wait_ns(asked_ns, arrival_ns)
         taken_ns = self._taken_ns()
         self._late.check(self._where, wait_ns if taken_ns is None else arrival_ns - taken_ns, arrival_ns)
+        # an image from before a sleep of the computer is older than its stamp shows
         slept = taken_ns is not None and self._awake_ns is not None and taken_ns < self._awake_ns
         if slept or (taken_ns is None and wait_ns > MAX_WAIT_NS):
             self.counts["discarded, for they had waited in a buffer"] += 1

@@ -95,7 +95,7 @@ class NetworkStream:
         self._stamped = not self._container.format.flags & _NO_TIMESTAMPS
         self._frames = self._decoded(streams[0])
         context = streams[0].codec_context
-        self.read()
+        self.read()  # connects
         settled_ns = clock.now_ns() + SETTLE_NS
         while clock.now_ns() < settled_ns:
             self.read()

@@ -42,12 +42,12 @@ def traces_of(evaluation: Evaluation) -> dict[str, Predictions]:
 
     It is the session with the median error, see `typical_session` and `whole_session`.
     """
-    found: dict[str, Predictions] = {}
+    traces: dict[str, Predictions] = {}
     for method in evaluation.methods:
         result = evaluation.result(method.label, evaluation.strictest)
         if result is not None and result.predictions.valid.any():
-            found[method.label] = whole_session(evaluation, result, typical_session(result.predictions))
-    return found
+            traces[method.label] = whole_session(evaluation, result, typical_session(result.predictions))
+    return traces
 
 
 def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predictions]) -> dict[str, Drawing]:
@@ -109,28 +109,25 @@ def _agreement(result: MethodResult, slug: str) -> Drawing:
 def _coverage(evaluation: Evaluation) -> dict[str, Drawing]:
     """Draws coverage by force and, where the contact angle is known, by angle, under the strictest protocol."""
     results = {m.label: evaluation.result(m.label, evaluation.strictest) for m in evaluation.methods}
-    found: list[tuple[str, dict[str, Any], str, str, str]] = []
-    for key, unit, axis_label, title in (
-        ("coverage_by_force", "n", "measured force, N", "Coverage of the 90 % intervals by force"),
-        (
-            "coverage_by_contact_angle",
-            "deg",
-            "contact angle, degrees",
-            "Coverage of the 90 % intervals by contact angle",
-        ),
-    ):
+    strata_of: dict[str, dict[str, Any]] = {}
+    for key in ("coverage_by_force", "coverage_by_contact_angle"):
         strata = {name: result.metrics.get(key, []) for name, result in results.items() if result is not None}
         strata = {name: parts for name, parts in strata.items() if any(np.isfinite(part["coverage"]) for part in parts)}
         if strata:
-            found.append((key, strata, unit, axis_label, title))
+            strata_of[key] = strata
     caption = (
         "Bars through the points: 95 % confidence intervals from resampled sessions, where a stratum has enough "
         "sessions. Coverage of fewer than 10 samples is not drawn."
     )
     drawings: dict[str, Drawing] = {}
-    for key, strata, unit, axis_label, title in found:
-        figure = figure_coverage(strata, unit, axis_label, title, width_in=WIDTH_IN if len(found) > 1 else WIDE_IN)
-        name = "coverage_force" if key == "coverage_by_force" else "coverage_angle"
+    for key, strata in strata_of.items():
+        name, unit, axis_label, by = (
+            ("coverage_force", "n", "measured force, N", "force")
+            if key == "coverage_by_force"
+            else ("coverage_angle", "deg", "contact angle, degrees", "contact angle")
+        )
+        title, width_in = f"Coverage of the 90 % intervals by {by}", WIDTH_IN if len(strata_of) > 1 else WIDE_IN
+        figure = figure_coverage(strata, unit, axis_label, title, width_in=width_in)
         drawings[name] = drawing_of(name.replace("_", "-"), caption, figure)
     return drawings
 
@@ -326,21 +323,21 @@ def whole_session(evaluation: Evaluation, result: MethodResult, session: str) ->
         return replace(part, index=index_in(everything, evaluation.dataset)[part.index])
     fit = next(fit for fit in result.fits if fit.split.name == part.fold[0])
     frames = np.flatnonzero(everything.session == session)
-    found = fit.estimator.predict(everything.subset(frames))
+    estimates = fit.estimator.predict(everything.subset(frames))
     contact = everything.magnitude_n > CONTACT_N
-    return collect(result.method, result.protocol, fit.split.name, everything, frames, found, contact)
+    return collect(result.method, result.protocol, fit.split.name, everything, frames, estimates, contact)
 
 
 def _sessions(result: MethodResult, constant: MethodResult, colour: str) -> Figure:
-    own, other = result.metrics["by_session"], constant.metrics["by_session"]
+    """Plots error and coverage of a method by session, in its colour, beside the error of the constant predictor."""
+    sessions = list(result.metrics["by_session"])
 
-    def column(groups: dict[str, dict[str, dict[str, dict[str, float]]]], key: str) -> FloatArray:
-        return np.array([groups[name]["quantities"]["magnitude"][key] for name in own], dtype=np.float64)
+    def column(of: MethodResult, key: str) -> FloatArray:
+        by_session = of.metrics["by_session"]
+        return np.array([by_session[name]["quantities"]["magnitude"][key] for name in sessions], dtype=np.float64)
 
-    title = f"{result.method}: session by session"
-    return figure_sessions(
-        title, list(own), column(own, "mae_n"), column(other, "mae_n"), column(own, "coverage"), colour
-    )
+    mae_n, constant_n, coverage = column(result, "mae_n"), column(constant, "mae_n"), column(result, "coverage")
+    return figure_sessions(f"{result.method}: session by session", sessions, mae_n, constant_n, coverage, colour)
 
 
 def _mae_and_sessions(result: MethodResult) -> FloatArray:

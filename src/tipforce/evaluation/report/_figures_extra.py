@@ -34,9 +34,6 @@ def figure_bound(ratios: Mapping[str, Mapping[str, Any]], quantities: Sequence[s
     Args:
         ratios: Method -> kind of bound -> `bound_ratios`.
         quantities: Magnitude and components; each has a row of panels.
-
-    Returns:
-        The figure.
     """
 
     def draw(figure: Figure) -> None:
@@ -48,7 +45,7 @@ def figure_bound(ratios: Mapping[str, Mapping[str, Any]], quantities: Sequence[s
                     colour = GREY if method == Constant.name else METHOD_COLOURS[place % len(METHOD_COLOURS)]
                     for kind, (marker, dashes) in _SHOWN.items():
                         label = f"{method}, {BOUND_KINDS[kind]}" if row == column == 0 else None
-                        _line(axes, kinds[kind][quantity][key], unit, factor, colour, marker, dashes, label)
+                        _plot_ratios(axes, kinds[kind][quantity][key], unit, factor, colour, marker, dashes, label)
                 axes.axhline(1.0, color=COLOURS["line"], linewidth=1.1)
                 axes.set_yscale("log")
                 axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -68,7 +65,7 @@ def figure_bound(ratios: Mapping[str, Mapping[str, Any]], quantities: Sequence[s
 _TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200)
 
 
-def _line(
+def _plot_ratios(
     axes: Axes,
     bins: Sequence[Mapping[str, float]],
     unit: str,
@@ -78,6 +75,7 @@ def _line(
     dashes: Any,
     label: str | None,
 ) -> None:
+    """Plots the ratio of each bin with enough samples at the bin's middle, which is ``factor`` times its ``unit``."""
     use = [each for each in bins if each["n"] >= _MIN_SAMPLES and math.isfinite(each["ratio"])]
     middle = [factor * 0.5 * (each[f"from_{unit}"] + each[f"below_{unit}"]) for each in use]
     ratios = [each["ratio"] for each in use]
@@ -102,15 +100,15 @@ def figure_perturbed(lines: Mapping[str, _Lines]) -> Figure:
     kinds = [kind for kind in dict.fromkeys(line["kind"] for line in some[1:]) if "," not in kind]
     sizes = {kind: [line["size"] for line in some if line["kind"] == kind] for kind in kinds}
     errors = [float(line["mae_n"]) for each in lines.values() for line in each]
-    mean = float(some[0]["constant"]["mae_n"])
-    top = 1.08 * min(max([mean, *filter(np.isfinite, errors)]), MAX_SHOWN_RATIO * mean)
+    constant_mae = float(some[0]["constant"]["mae_n"])
+    top = 1.08 * min(max([constant_mae, *filter(np.isfinite, errors)]), MAX_SHOWN_RATIO * constant_mae)
 
     def draw(figure: Figure) -> None:
         widths = [len(sizes[kind]) + 1 for kind in kinds]
         panels = figure.subplots(2, len(kinds), sharey="row", sharex="col", width_ratios=widths, height_ratios=(2.2, 1))
         for column, kind in enumerate(kinds):
             above, below = panels[:, column]
-            above.axhline(mean, color=GREY, linestyle=(0, (4, 3)), linewidth=1.4, label="constant predictor")
+            above.axhline(constant_mae, color=GREY, linestyle=(0, (4, 3)), linewidth=1.4, label="constant predictor")
             for place, (method, each) in enumerate(lines.items()):
                 shown = [each[0], *(line for line in each if line["kind"] == kind)]
                 colour = METHOD_COLOURS[place % len(METHOD_COLOURS)]
@@ -118,7 +116,7 @@ def figure_perturbed(lines: Mapping[str, _Lines]) -> Figure:
                 for axes, key in ((above, "mae_n"), (below, "abstained_share")):
                     values = [line[key] for line in shown]
                     axes.plot(values, style, color=colour, markersize=4.5, linewidth=1.5, label=method)
-                edge = (0.96 - 0.08 * place) * top
+                edge = (0.96 - 0.08 * place) * top  # the methods' triangles below one another
                 for size, error in enumerate(line["mae_n"] for line in shown):
                     if error > top:
                         above.plot(size, edge, "^", color=colour, markersize=7)
@@ -181,9 +179,6 @@ def figure_training(rows: list[dict[str, Any]], label: str) -> Figure:
     Args:
         rows: Rows of the training log, errors in newtons.
         label: Label of the method, for the title.
-
-    Returns:
-        The figure.
     """
     epoch = np.array([row["epoch"] for row in rows])
     best = kept_epoch(rows)

@@ -110,9 +110,6 @@ def make_figure(
         title: Title in bold above it; an empty one takes no space.
         width_in: Width in inches; an inch is 72 pixels of the page.
         height_in: Height in inches.
-
-    Returns:
-        The figure.
     """
     with matplotlib.rc_context(_RC):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")

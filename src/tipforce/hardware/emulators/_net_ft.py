@@ -145,7 +145,7 @@ class NetFtEmulator:
 
     def _send(self) -> None:
         """Sends packets at the stated rate until the box stops; applies the faults to them."""
-        held: bytes | None = None
+        held: bytes | None = None  # a packet that is sent after the next one
         zero, done = time.monotonic(), 0
         while not self._stopped.is_set():
             due = int((time.monotonic() - zero) * self.rate_hz)
