@@ -14,7 +14,7 @@ import numpy as np
 from .._system.json_files import parse_json
 from ..errors import FileFormatError
 from ..plausibility import ForcePlausibility
-from ..types import FloatArray, IntArray, SessionInfo, frozen
+from ..types import BoolArray, FloatArray, IntArray, SessionInfo, frozen
 
 SUBTRACTED_FORCE = "tipforce.zero"
 """Name of a metadata record, followed by a number. It holds a zero that the operator set: this force is subtracted from
@@ -114,6 +114,13 @@ class Tare:
     def __post_init__(self) -> None:
         for name, value in (("force_n", self.force_n), ("stderr_n", self.stderr_n)):
             object.__setattr__(self, name, frozen(name, np.round(np.asarray(value, np.float64), _DIGITS), (3,)))
+
+    def covers(self, seconds: FloatArray) -> BoolArray:
+        """Returns whether each time (n,), in s since the log's first row, is in a stretch without contact."""
+        inside = np.zeros(len(seconds), np.bool_)
+        for start, end in self.stretches_s:
+            inside |= (seconds >= start) & (seconds <= end)
+        return inside
 
     def record(self) -> dict[str, str]:
         """Returns the metadata record."""
@@ -282,9 +289,6 @@ def fact_from(kind: Callable[[Mapping[str, str]], _T], record: Mapping[str, str]
         record: the metadata record.
         name: its name, for the message.
         where: the file, for the message.
-
-    Returns:
-        The fact that ``kind`` made.
 
     Raises:
         FileFormatError: a value is missing or has another type or range.
