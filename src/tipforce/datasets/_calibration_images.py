@@ -22,5 +22,6 @@ def calibration_images(dataset: Dataset, session: str, view: str) -> tuple[Image
     rows = np.flatnonzero(whole.session == session)
     if np.any(whole.actuation.get(ADVANCE, np.zeros(len(whole)))[rows]):
         return ()
-    found = (each.views.get(view) for each in whole.subset(rows[spread_rows(len(rows))]).observations())
-    return tuple(image for image in found if isinstance(image, np.ndarray))
+    chosen = whole.subset(rows[spread_rows(len(rows))])
+    images = (observation.views.get(view) for observation in chosen.observations())
+    return tuple(image for image in images if isinstance(image, np.ndarray))

@@ -113,8 +113,11 @@ def join(datasets: Sequence[Dataset]) -> Dataset:
 
 
 def _with_different_names(datasets: Sequence[Dataset]) -> tuple[list[Dataset], list[str]]:
-    """Returns ``datasets`` with different session names, and a sentence for each session that was renamed."""
-    owner: dict[str, tuple[str, str]] = {}
+    """Returns ``datasets`` with different session names, and a sentence for each session that was renamed.
+
+    Raises InputError where two datasets have a session of the same name and content.
+    """
+    owner: dict[str, tuple[str, str]] = {}  # session -> title of its dataset, fingerprint of its content
     separate: list[Dataset] = []
     remarks: list[str] = []
     taken = {session for dataset in datasets for session in dataset.sessions}

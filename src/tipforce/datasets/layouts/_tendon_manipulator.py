@@ -78,18 +78,19 @@ def _session(
     check_stamps(str(path), name, stamps)
     if len(table) < TARE_ROWS:
         raise InputError(f"{path}: has {len(table)} rows; the first {TARE_ROWS} are needed to tare it")
-    images, found = table.text("image"), _read_curves(curves)
+    images, coefficients = table.text("image"), _read_curves(curves)
     for row, image in enumerate(images, 2):
-        if image not in found:
+        if image not in coefficients:
             raise TableError(f"{path}, row {row}: {curves.name} has no curve of the image {image}")
     readings = np.column_stack([table.numbers("fx"), table.numbers("fy")])
     force = np.full((len(table), 3), np.nan)
     force[:, :2] = (readings - np.median(readings[:TARE_ROWS], axis=0)) * NEWTONS_PER_UNIT
     wires = np.column_stack([table.numbers("wire length #0"), table.numbers("wire length #1")])
-    return name, stamps, images, np.array([found[image] for image in images]), wires, force
+    return name, stamps, images, np.array([coefficients[image] for image in images]), wires, force
 
 
 def _read_curves(path: Path) -> dict[str, list[float]]:
+    """Returns image name -> the four coefficients of its curve. Raises FileFormatError."""
     if not path.is_file():
         raise FileFormatError(f"{path}: there is no such file; every session needs its curves")
     try:
