@@ -67,11 +67,9 @@ class Constant(Estimator):
         Raises:
             NotFittedError: `fit` was not called.
         """
-        if self.estimate_ is None:
-            raise NotFittedError("the constant predictor has no mean yet; call fit first")
         band = np.quantile(np.nan_to_num(dataset.force_n), (0.05, 0.95), axis=0).T
         self.estimate_ = replace(
-            self.estimate_,
+            self._fitted(),
             interval_n=np.where(np.asarray(dataset.known)[:, None], band, math.nan),
             magnitude_interval_n=np.quantile(dataset.magnitude_n, (0.05, 0.95)),
         )
@@ -81,9 +79,7 @@ class Constant(Estimator):
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:  # noqa: ARG002 - always the same
         """Starts a stream that gives the same estimate every time; see `Estimator.start`."""
-        if self.estimate_ is None:
-            raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        return _ConstantStream(self.estimate_)
+        return _ConstantStream(self._fitted())
 
     def predict(
         self,
@@ -91,9 +87,12 @@ class Constant(Estimator):
         progress: Callable[[float], None] | None = None,  # noqa: ARG002 - it takes no time
     ) -> list[ForceEstimate]:
         """Returns the same estimate for each sample, without reading an image; see `Estimator.predict`."""
+        return [replace(self._fitted(), stamp_ns=stamp) for stamp in dataset.stamp_ns.tolist()]
+
+    def _fitted(self) -> ForceEstimate:
         if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        return [replace(self.estimate_, stamp_ns=stamp) for stamp in dataset.stamp_ns.tolist()]
+        return self.estimate_
 
     def unfitted(self) -> Self:
         """Returns a constant predictor without its mean."""
@@ -101,9 +100,7 @@ class Constant(Estimator):
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """Returns the means and quantiles."""
-        if self.estimate_ is None:
-            raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        estimate = self.estimate_
+        estimate = self._fitted()
         arrays: dict[str, npt.NDArray[Any]] = {
             "force_n": estimate.force_n,
             "known": estimate.known,

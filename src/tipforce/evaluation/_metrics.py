@@ -72,13 +72,8 @@ def error_metrics(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, 
     if count:
         absolute = np.abs(error)
         mse = float(np.mean(error**2))
-        newtons = {
-            "mae": float(absolute.mean()),
-            "rmse": math.sqrt(mse),
-            "max": float(absolute.max()),
-            "min": float(absolute.min()),
-            "bias": float(error.mean()),
-        }
+        extremes = {"max": float(absolute.max()), "min": float(absolute.min())}
+        newtons = {"mae": float(absolute.mean()), "rmse": math.sqrt(mse), **extremes, "bias": float(error.mean())}
         variance, spread = float(np.var(reference)), float(np.ptp(reference))
         r2 = 1.0 - mse / variance if variance > 0 else math.nan
         of_range = 100.0 * newtons["mae"] / spread if spread > 0 else math.nan

@@ -98,7 +98,7 @@ def collect(
     estimates: Sequence[ForceEstimate],
     contact: BoolArray,
 ) -> Predictions:
-    """Collects the estimates of some samples of a dataset.
+    """Collects estimates and references of m samples of a dataset.
 
     Args:
         method: Label of the method.
@@ -108,9 +108,6 @@ def collect(
         index: (m,) indices of the samples in ``dataset``.
         estimates: One estimate for each of ``index``.
         contact: (len(dataset),) True where the tip is in contact.
-
-    Returns:
-        Estimates and references of the m samples.
     """
     chosen = dataset.subset(index)
     shapes = np.empty(len(index), np.object_)

@@ -205,7 +205,7 @@ def run_protocol(
     progress: Progress | None = None,
     fits: KeptFits | None = None,
 ) -> MethodResult:
-    """Trains a method anew on each split's training part and scores it on its test part.
+    """Trains a method anew on each split's training part and scores it on the test samples of all splits.
 
     Args:
         method: The method; its ``estimator`` is copied for each split.
@@ -215,9 +215,6 @@ def run_protocol(
         constant: The constant predictor under the same splits; None for the constant predictor itself.
         progress: Called with the current step and the share that is done.
         fits: Fits the method; None: nothing is kept on disk.
-
-    Returns:
-        The result over the test samples of all splits.
     """
     fits = fits or KeptFits()
     parts: list[Predictions] = []
@@ -324,14 +321,11 @@ def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str
 
 
 def fine_tuning_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:
-    """Notes the methods whose initial weights were trained on sessions of the evaluated data.
+    """Returns a sentence for each method whose initial weights were trained on sessions of the evaluated data.
 
     Args:
         methods: The evaluated methods.
         dataset: The evaluated data.
-
-    Returns:
-        One sentence for each such method.
     """
     seen_by = {method.label: _trained_on(method, dataset) for method in methods if method.saved is None}
     return [

@@ -99,17 +99,10 @@ def read_devices(path: Path | str) -> BenchDevices:
 
 
 def _config(where: str, section: str, key: str, values: object, folder: Path) -> DeviceConfig:
-    """Returns the config of one device.
+    """Returns the config of one device from the ``values`` of its table.
 
-    Args:
-        where: the file, for messages.
-        section: table of ``[hardware]``: "cameras", "force", "stage" or "knob".
-        key: full name of the device's table, for messages.
-        values: content of this table.
-        folder: folder of the file; the device's files are relative to it.
-
-    Raises:
-        InputError: a key is unknown or missing, or a value is refused.
+    ``section`` is "cameras", "force", "stage" or "knob"; ``where`` and ``key`` name file and table in messages. Files
+    of the device are relative to ``folder``. Raises InputError for a key or value that is refused.
     """
     if not isinstance(values, dict):
         raise InputError(f"{where}: {key} is no table")
@@ -163,9 +156,6 @@ def open_bench(path: Path | str, *, newest_only: bool = False, clock: Clock | No
         path: the ``bench.toml``; its other tables become the session's metadata.
         newest_only: see `HardwareSource`.
         clock: see `HardwareSource`.
-
-    Returns:
-        The source of their events, not yet entered.
 
     Raises:
         FileFormatError, InputError: see `read_devices`; also where the bench has no device.

@@ -1,4 +1,4 @@
-"""Packs and unpacks the ROS 2 messages of a recording: CDR, little endian, fixed schemas.
+"""Packs and unpacks the ROS 2 messages of a recording as bytes: CDR, little endian, fixed schemas.
 
 This module is ten times faster than a general decoder and reads a whole force series as one array. The tests compare it
 with the ROS 2 decoder of ``mcap-ros2-support``.
@@ -74,9 +74,6 @@ def pack_image(stamp_ns: int, frame: str, encoding: str, data: bytes) -> bytes:
         frame: frame of reference of the header.
         encoding: "jpeg" or "png".
         data: the compressed image.
-
-    Returns:
-        The serialised message (CDR).
     """
     head = _padded(_header(stamp_ns, frame), 4) + _string(encoding)
     return b"".join((_padded(head, 4), struct.pack("<I", len(data)), data))
@@ -90,9 +87,6 @@ def pack_wrench(stamp_ns: int, frame: str, force_n: FloatArray, torque_nm: Float
         frame: frame of reference of the header.
         force_n: (3,) force, N.
         torque_nm: (3,) torque, N m.
-
-    Returns:
-        The serialised message (CDR).
     """
     return _padded(_header(stamp_ns, frame), 8) + struct.pack("<6d", *force_n, *torque_nm)
 
@@ -103,9 +97,6 @@ def pack_joints(stamp_ns: int, values: Mapping[str, float]) -> bytes:
     Args:
         stamp_ns: stamp of the header.
         values: readings by name. Each name ends in its unit, and ``position`` holds the value in that unit.
-
-    Returns:
-        The serialised message (CDR).
     """
     raw = _padded(_header(stamp_ns, ""), 4) + struct.pack("<I", len(values))
     for name in values:
@@ -123,9 +114,6 @@ def pack_estimate(stamp_ns: int, estimate: ForceEstimate, frame: str = "base") -
         stamp_ns: stamp of the header.
         estimate: the estimate; ``interval_n`` is packed as low, high of x, then of y and z.
         frame: frame of reference of the header.
-
-    Returns:
-        The serialised message (CDR).
     """
     raw = _padded(_header(stamp_ns, frame), 4) + _string(estimate.status.value)
     raw = _padded(raw, 4) + _string(estimate.detail) + struct.pack("<3?", *estimate.known)

@@ -51,15 +51,12 @@ def traces_of(evaluation: Evaluation) -> dict[str, Predictions]:
 
 
 def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predictions]) -> dict[str, Drawing]:
-    """Draws the figures before the sections of the methods, without those that the data do not allow.
+    """Returns name of `HEAD` -> figure before the sections of the methods, for those that the data allow.
 
     Args:
         evaluation: The evaluation.
         best: Label of the method whose trace, scatter and agreement are shown.
         traces: Result of `traces_of`.
-
-    Returns:
-        Name of `HEAD` -> drawing.
     """
     drawings: dict[str, Drawing] = {}
     strict = evaluation.result(best, evaluation.strictest)
@@ -199,9 +196,6 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
         method: Label of the method.
         best: Label of the method whose agreement is at the head of the page.
         traces: Result of `traces_of`.
-
-    Returns:
-        The drawings in the order of the section.
     """
     number = [each.label for each in evaluation.methods].index(method)
     colour = METHOD_COLOURS[number % len(METHOD_COLOURS)]

@@ -13,11 +13,7 @@ _MARKERS = "os^DvPX*"
 
 
 def figure_comparison(compared: Mapping[str, Any]) -> Figure:
-    """Plots mean absolute error (left) and bias (right) over the measured force, a line a method.
-
-    Args:
-        compared: Result of `comparison`.
-    """
+    """Plots the result of `comparison` over the force: mean absolute error (left) and bias (right), a line a method."""
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)

@@ -91,10 +91,8 @@ _Lines = Sequence[Mapping[str, Any]]
 def figure_perturbed(lines: Mapping[str, _Lines]) -> Figure:
     """Plots error and share abstained over the size of each perturbation; a column for each kind.
 
-    Kinds that differ in the force alone, whose magnitude is the same, are shown once.
-
-    Args:
-        lines: Method -> lines of a table, the first of them unperturbed (see `perturbed_metrics`).
+    Kinds that differ in the force alone, whose magnitude is the same, are shown once. ``lines``: method -> lines of a
+    table, the first of them unperturbed (see `perturbed_metrics`).
     """
     some = next(iter(lines.values()))
     kinds = [kind for kind in dict.fromkeys(line["kind"] for line in some[1:]) if "," not in kind]

@@ -81,11 +81,7 @@ _HEAD = ("", "MAE g", "MAE mN", "95 % CI mN", "RMSE mN", "max mN", "bias mN", "R
 
 
 def report_lines(metrics: dict[str, Any]) -> list[str]:
-    """Returns the report in a few lines of text: verdict, notes, the table of results.
-
-    Args:
-        metrics: Result of `write_report` or `summary`.
-    """
+    """Returns the result of `write_report` or `summary` in lines of text: verdict, notes, the table of results."""
     mn, grams, fixed, share, interval = (FILTERS[name] for name in ("mn", "grams", "fixed", "share", "mn_interval"))
     table: list[tuple[str, ...]] = []
     protocol = ""
@@ -102,18 +98,9 @@ def report_lines(metrics: dict[str, Any]) -> list[str]:
         ))  # fmt: skip
     width = max(len(cells[0]) for cells in table)
     lines = [_line(_HEAD, width), *(_line(cells, width) for cells in table)]
-    return [
-        " ".join(metrics["verdict"]),
-        *metrics["notes"],
-        "",
-        *lines,
-        "",
-        *_thesis_lines(metrics),
-        *_trust_lines(metrics),
-        *_comparison_lines(metrics),
-        *_bound_lines(metrics),
-        *_perturbed_lines(metrics),
-    ]
+    sections = (_thesis_lines, _trust_lines, _comparison_lines, _bound_lines, _perturbed_lines)
+    below = [line for section in sections for line in section(metrics)]
+    return [" ".join(metrics["verdict"]), *metrics["notes"], "", *lines, "", *below]
 
 
 _COMPARED = ("", "MAE mN", "RMSE", "max", "bias", "Fx MAE", "Fy MAE", "R2", "coverage %", "abstained %", "us a frame")

@@ -211,14 +211,10 @@ class GrblEmulator(PtyDevice):
         return brake, min([feed, *(self.settings[str(110 + k)] / 60.0 / share[k] for k in range(3) if share[k])])
 
     def _end_speed(self, way: list[float], length: float) -> float:
-        """Returns the speed at the end of the first move from which the next moves can still come to rest in time.
+        """Returns the speed in mm/s at the end of the first move from which the next moves can come to rest in time.
 
-        Args:
-            way: the rest of the first move by axis, mm.
-            length: its length, mm.
-
-        Returns:
-            mm/s. At a corner the speed is that of the slower move times the cosine of the angle.
+        ``way`` is the rest of the first move by axis, ``length`` its length, mm. At a corner the speed is that of the
+        slower move times the cosine of the angle.
         """
         (start, feed), *next_moves = self._queue
         junctions: list[tuple[float, float, float]] = []  # speed at a corner; length and brake of the move after it

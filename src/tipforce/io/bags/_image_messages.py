@@ -85,9 +85,6 @@ def png_of_16_bits(content: Any, where: str) -> bytes:
         content: the fields of a sensor_msgs/Image with one channel of 16 bits.
         where: the bag and the topic, for the message.
 
-    Returns:
-        The encoded image.
-
     Raises:
         FileFormatError: the image's bytes do not fit its size.
     """

@@ -293,11 +293,7 @@ def _columns_remedy(log: LogInfo | None, key: str, count: int) -> str:
 
 
 def _header_row(alternatives: Mapping[str, Rows]) -> tuple[str, int] | None:
-    """Returns separator and index of the header: the first row of two names or more above rows of numbers.
-
-    Args:
-        alternatives: separator -> rows split by it.
-    """
+    """Returns separator and index of the header: the first row of two names or more above rows of numbers."""
     for at in range(max(len(rows) for rows in alternatives.values())):
         for separator, rows in alternatives.items():
             if at >= len(rows) or len([cell for cell in rows[at][1] if cell]) < 2:

@@ -300,17 +300,10 @@ class _Reader:
             self.remarks.append(f"{count} rows without a time are left out")
 
     def _in_order(self, stamps: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
-        """Sorts rows that were swapped in transfer; where ``LogInfo.sort`` is true, all rows.
+        """Returns stamps (n,) in ns and their rows (n,) of the table, sorted by stamp.
 
-        Args:
-            stamps: (n,) stamps in ns, in the order of the table.
-            rows: (n,) row of the table of each.
-
-        Returns:
-            Both, sorted by stamp.
-
-        Raises:
-            TimeError: a row is too late for a swap, so the clock was set back.
+        Rows that were swapped in transfer are sorted; where ``LogInfo.sort`` is true, all rows. Raises TimeError for a
+        row that is too late for a swap: the clock was set back.
         """
         steps = np.diff(stamps)
         if not np.any(steps < 0):
@@ -338,13 +331,7 @@ class _Reader:
 
         A clock that is coarser than the rows gives most stamps to several rows: these are spread within its ticks.
         Where only few rows repeat a stamp, or ``LogInfo.repeated_stamps`` demands it, the first row of each is kept.
-
-        Args:
-            stamps: (n,) stamps in ns that do not fall.
-            rows: (n,) row of the table of each.
-
-        Raises:
-            TimeError: the rows do not come at a constant rate.
+        Takes and returns stamps (n,) in ns and their rows (n,). Raises TimeError for rows without a constant rate.
         """
         repeats = np.flatnonzero(np.diff(stamps) == 0) + 1
         if not len(repeats):
@@ -380,20 +367,14 @@ class _Reader:
     def _by_sequence(
         self, stamps: IntArray, rows: IntArray, sequence: str, rate_hz: float, stated: str
     ) -> tuple[IntArray, IntArray]:
-        """Returns times by sequence number and rate, which are finer than the clock of the log.
+        """Returns times in ns by sequence number and rate, which are finer than the log's clock, and their rows.
 
         Args:
-            stamps: (n,) stamps in ns of the log's own, coarse clock.
+            stamps: (n,) stamps in ns of the log's clock, which must show the same rate; else TimeError.
             rows: (n,) row of the table of each.
-            sequence: the column of sequence numbers.
+            sequence: the column of sequence numbers; repeated numbers are left out.
             rate_hz: rows per second.
             stated: source of the rate, for messages.
-
-        Returns:
-            Times and rows, ordered by sequence number and without repeated numbers.
-
-        Raises:
-            TimeError: the clock shows another rate.
         """
         numbers = _unwrapped(self.table.whole_numbers(sequence), rows)
         if np.any(np.diff(numbers) <= 0):

@@ -54,13 +54,10 @@ def named_unit(name: str) -> TimeUnit | None:
 
 
 def unit_since_1970(values: FloatArray) -> TimeUnit | None:
-    """Returns the unit of times since 1970 without a unit; None where they are no such times.
+    """Returns the unit of times (n,) since 1970 without a unit; None where they are no such times.
 
     They must be after 2001, and their steps those of a log: 1.7e12 in steps of 1 are milliseconds; in steps of a
     million they are nanoseconds since the start of a computer.
-
-    Args:
-        values: (n,) times.
     """
     steps = np.abs(np.diff(values))
     steps = steps[steps > 0]

@@ -20,9 +20,6 @@ def open_workbook(path: Path, log: LogInfo, key: str) -> CellTable:
         log: description of the log; ``sheet`` names the sheet, by default the only one with cells.
         key: section of ``log`` in ``bench.toml``, for messages.
 
-    Returns:
-        The table of that sheet.
-
     Raises:
         FileFormatError: the file is no workbook.
         TableError: several sheets have cells, or the table has no header.
