@@ -87,15 +87,18 @@ def add_beat(
     Returns:
         The same where less than 2 mN remain; with the reason in ``detail`` where the rest cannot be removed.
     """
-    rest = force_n - carried_n(stage, inertia, stamps_ns)
-    axes = ~np.isnan(rest).all(axis=0)
-    rows = np.flatnonzero(np.isfinite(rest[:, axes]).all(axis=1))
-    free = tare.covers((stamps_ns[rows] - stamps_ns[0]) * 1e-9)
-    if free.sum() < _MIN_READINGS or _rms(_smooth(stamps_ns[rows][free], rest[rows][free][:, axes])) < _MIN_INERTIA_N:
+    remainder = force_n - carried_n(stage, inertia, stamps_ns)
+    axes = ~np.isnan(remainder).all(axis=0)
+    rows = np.flatnonzero(np.isfinite(remainder[:, axes]).all(axis=1))
+    free = tare.covers((stamps_ns[rows] - stamps_ns[0]) * 1e-9)  # readings without contact
+    if (
+        free.sum() < _MIN_READINGS
+        or _rms(_smooth(stamps_ns[rows][free], remainder[rows][free][:, axes])) < _MIN_INERTIA_N
+    ):
         return tare, inertia
     reference_ns = inertia.reference_ns if inertia.axes else int(stamps_ns[rows][free].mean())
     seconds: FloatArray = ((stamps_ns[rows] - reference_ns) * 1e-9).astype(np.float64)
-    values = rest[rows][:, axes]
+    values = remainder[rows][:, axes]
     if inertia.axes:  # the stage's log shows the beat, the contact-free stretch included
         pulse = _pulse(seconds, stage.acceleration(inertia.stage_ns(stamps_ns[rows]), inertia.axes))
     else:
@@ -132,11 +135,11 @@ def inertia_left(stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, t
     Returns:
         RMS in N of the axis with most of it; 0 if there are fewer than `_MIN_READINGS` readings.
     """
-    rest = force_n - carried_n(stage, inertia, stamps_ns)
-    axes = ~np.isnan(rest).all(axis=0)
-    rows = np.flatnonzero(np.isfinite(rest[:, axes]).all(axis=1))
+    remainder = force_n - carried_n(stage, inertia, stamps_ns)
+    axes = ~np.isnan(remainder).all(axis=0)
+    rows = np.flatnonzero(np.isfinite(remainder[:, axes]).all(axis=1))
     free = rows[tare.covers((stamps_ns[rows] - stamps_ns[0]) * 1e-9)]
-    return _rms(_smooth(stamps_ns[free], rest[free][:, axes])) if len(free) >= _MIN_READINGS else 0.0
+    return _rms(_smooth(stamps_ns[free], remainder[free][:, axes])) if len(free) >= _MIN_READINGS else 0.0
 
 
 def _smooth(stamps_ns: IntArray, values: FloatArray) -> FloatArray:

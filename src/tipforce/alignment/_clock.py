@@ -283,10 +283,10 @@ def _outlying(bend: FloatArray) -> BoolArray:
     """Returns whether the bend of each image (n,) is far from that of its neighbours: another object was detected."""
     if len(bend) < _MIN_FRAMES:
         return np.zeros(len(bend), np.bool_)
-    away = np.abs(bend - median_filter(bend, _NEIGHBOURS))
+    difference = np.abs(bend - median_filter(bend, _NEIGHBOURS))
     low, high = np.percentile(bend, (5.0, 95.0))
-    limit: float = max(_OUTLYING * float(np.median(away)), _OUTLYING_SHARE * float(high - low))
-    return away > limit
+    limit: float = max(_OUTLYING * float(np.median(difference)), _OUTLYING_SHARE * float(high - low))
+    return difference > limit
 
 
 def _searched(session: _Session) -> BoolArray:
@@ -365,7 +365,7 @@ def _ticks(reach: float, step: float) -> FloatArray:
 
 
 def _rivals(best: _Candidate, other: _Candidate, session: _Session) -> bool:
-    """Returns whether ``other`` explains about as much of the bend as ``best``: see `_RIVAL_RATIO`."""
+    """Returns whether ``other`` explains about as much of the bend as ``best`` in blocks of 2 s; see `_RIVAL_RATIO`."""
     both = np.isfinite(best.loss) & np.isfinite(other.loss)
     if both.sum() < _MIN_COMMON_SHARE * np.isfinite(best.loss).sum():
         return other.share < _RIVAL_RATIO * best.share
@@ -385,14 +385,14 @@ def _measured(session: _Session, trial: _Trial, frame_ns: IntArray, force_ns: In
     rate that does not differ from 1 by its standard error is taken as 1, and the fit repeated. ``frame_ns`` (n,) and
     ``force_ns`` (m,) are the stamps of all images and readings.
     """
-    every = np.ones(len(session.time_s), np.bool_)
+    all_frames = np.ones(len(session.time_s), np.bool_)
     margin = _FINE_S + _WIDE_TILT_S + 3.0 * SMOOTH_S
     tilt = 0.0 if session.fixed_rate else _FINE_TILT_S
-    for frames in (*_growing(session), every):
+    for frames in (*_growing(session), all_frames):
         data, _ = session.data(trial, frames, margin)
         fit, tilted, _ = _with_angle(Fit(data.touching(), _ticks(2.0 * _FINE_S, 2.0 * _FINE_STEP_S)), 2.0 * tilt)
         trial = trial.moved(tilted, fit.span)
-    data, _ = session.data(trial, every, margin)
+    data, _ = session.data(trial, all_frames, margin)
     data = data.touching()
     free = Fit(data, _ticks(_FINE_S, _FINE_STEP_S), ANY_ANGLE)
     tilted = free.best(tilt)

@@ -52,6 +52,7 @@ class Force:
     """
 
     def __init__(self, seconds: FloatArray, force_n: FloatArray, smooth_s: float = SMOOTH_S) -> None:
+        """Interpolates and smooths the readings, marks gaps, and determines the noise from neighbouring readings."""
         finite = np.isfinite(force_n).all(axis=1)
         step = max(float(np.median(np.diff(seconds))), 1e-4)
         self._grid: FloatArray = np.arange(seconds[0], seconds[-1] + step, step)
@@ -223,6 +224,7 @@ class Fit:
     """
 
     def __init__(self, data: Data, shifts: FloatArray, penalty: float = STATED_ANGLE, degree: int = DEGREE) -> None:
+        """Sums the products of the regression over the frames of each block, for every trial shift."""
         self._data, self.shifts, self._degree = data, shifts, degree
         self._basis, self._unit = data.left_out(), data.unit()
         self._y = self._quick(data.coordinates[:, 0])
@@ -237,7 +239,7 @@ class Fit:
         self._yy = np.bincount(block, self._y**2)
         middle, half = self.span
         times = np.bincount(block, data.time) / np.bincount(block)
-        self.place: FloatArray = (times - middle) / half
+        self.place: FloatArray = (times - middle) / half  # -1 at the first image, 1 at the last
         self._hold(penalty)
 
     def _hold(self, penalty: float) -> None:

@@ -87,9 +87,9 @@ def search_clock(
     spectra: dict[int, list[Spectrum]] = {}
     candidates: tuple[list[Coarse], list[Coarse]] = ([], [])  # by the free regression, by the usual levers
     rates = _rates(span, float(grid[-1])) if rate is None else [rate]
-    near = [trial for trial in rates if 1.0 / _NEAR_RATE <= trial <= _NEAR_RATE] if rate is None else rates
-    for trial in [*near, *(trial for trial in rates if trial not in near)]:
-        if trial not in near and max(each.score for kind in candidates for each in kind) > SUFFICIENT_SCORE:
+    near_one = [trial for trial in rates if 1.0 / _NEAR_RATE <= trial <= _NEAR_RATE] if rate is None else rates
+    for trial in [*near_one, *(trial for trial in rates if trial not in near_one)]:
+        if trial not in near_one and max(each.score for kind in candidates for each in kind) > SUFFICIENT_SCORE:
             break  # a fit as good as this has the right rate
         seconds = (time_s - time_s[0]) / trial
         bend_grid = np.arange(0.0, seconds[-1] + _STEP_S, _STEP_S)
@@ -116,11 +116,11 @@ def _rates(span_s: float, log_s: float) -> list[float]:
     They are so dense that the best of them fits everywhere to half of `_MISMATCH_S`.
     """
     rates = [1.0]
-    for way in (1.0, -1.0):
+    for direction in (1.0, -1.0):
         rate = 1.0
         while True:
             overlap = max(min(span_s / rate, log_s), _MIN_OVERLAP_S)
-            rate *= math.exp(way * 2.0 * _MISMATCH_S / overlap)
+            rate *= math.exp(direction * 2.0 * _MISMATCH_S / overlap)
             if not 1.0 / _MAX_RATE <= rate <= _MAX_RATE or span_s / rate < _MIN_OVERLAP_S:
                 break
             rates.append(rate)
@@ -191,12 +191,11 @@ def _distinct(found: list[Coarse], first_s: float, last_s: float, count: int) ->
     """Returns the best ``count`` candidates that differ at the first or the last image, whose times are given."""
     chosen: list[Coarse] = []
 
-    def apart_s(one: Coarse, another: Coarse) -> float:
-        differences = (t / one.rate - one.lag_s - (t / another.rate - another.lag_s) for t in (first_s, last_s))
-        return max(map(abs, differences))
+    def force_s(candidate: Coarse) -> FloatArray:
+        return np.array([first_s, last_s]) / candidate.rate - candidate.lag_s
 
     for candidate in sorted(found, key=lambda candidate: -candidate.score):
-        if all(apart_s(candidate, better) > _APART_S for better in chosen):
+        if all(np.abs(force_s(candidate) - force_s(better)).max() > _APART_S for better in chosen):
             chosen.append(candidate)
         if len(chosen) == count:
             break

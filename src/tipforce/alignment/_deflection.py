@@ -38,8 +38,8 @@ def shape_coordinates(
         length_px: length of the whole catheter, of which a part at the base may be hidden; None: not known.
 
     Returns:
-        (n, 4) B in rad; factors of the force's x and y in G, in px; weight of the lever's end in them, in px, which is
-        the dome's radius times the integral of w. NaN where nothing was found.
+        (n, 4) deflection B in rad; factors of the force's x and y in the moment G (see `estimate_clock`), in px; weight
+        of the lever's end in them, in px: the dome's radius times the integral of w. NaN where nothing was found.
     """
     rows = np.full((len(shapes), 4), math.nan)
     directions = np.array([np.exp(1j * shape.base.angle_rad) for shape in shapes if shape.base is not None])
@@ -50,16 +50,16 @@ def shape_coordinates(
     angle_rad = float(np.angle(mean) + np.median(np.angle(directions * mean.conjugate())))
     end = min(flexible_share, USED_LENGTH_SHARE)
     diameters = np.array([shape.diameter_px for shape in shapes])
-    known = diameters[np.isfinite(diameters)]
-    radius = 0.5 * float(np.median(known)) if known.size else 0.0
+    finite = diameters[np.isfinite(diameters)]
+    radius = 0.5 * float(np.median(finite)) if finite.size else 0.0
     length = _common_length([s.centreline.points for s in shapes if s.centreline is not None], length_px)
-    for place, shape in enumerate(shapes):
+    for row, shape in enumerate(shapes):
         if shape.centreline is None or shape.base is None:
             continue
-        whole = _of_length(shape.centreline.points, length, flexible_share)
-        if whole is None:
+        line_px = _of_length(shape.centreline.points, length, flexible_share)
+        if line_px is None:
             continue
-        points = BasePose(shape.base.origin_px, angle_rad).to_base(whole)
+        points = BasePose(shape.base.origin_px, angle_rad).to_base(line_px)
         steps = np.diff(points, axis=0)
         angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
         share = np.linspace(0.0, 1.0, len(points))
@@ -68,7 +68,7 @@ def shape_coordinates(
         lever = (points[-1] - radius * axis / np.linalg.norm(axis) - points) * share[1]
         weight = radius * share[1] * float(bell.sum())
         # by parts: angles are smoother than their differences
-        rows[place] = -(np.diff(bell) @ angle), -(bell @ lever[:, 1]), bell @ lever[:, 0], weight
+        rows[row] = -(np.diff(bell) @ angle), -(bell @ lever[:, 1]), bell @ lever[:, 0], weight
     return rows
 
 

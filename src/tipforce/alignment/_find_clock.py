@@ -257,8 +257,8 @@ def _from_stage(
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
     stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
     if not confirmed and _apart_ms(found, stage, stamps) > _UNCERTAIN_Z * (found.stderr_ms + _STAGE_STDERR_MS):
-        both = f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, a conflict"
-        return ClockMap(how="refused", explained=found.explained, detail=both)
+        detail = f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, a conflict"
+        return ClockMap(how="refused", explained=found.explained, detail=detail)
     if math.isnan(found.stderr_ms) and found.explained >= MIN_EXPLAINED:
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
     if math.isnan(found.stderr_ms) and nominal_rate:

@@ -52,6 +52,7 @@ class StageMotion:
     """
 
     def __init__(self, stamp_ns: IntArray, positions: Mapping[str, FloatArray]) -> None:
+        """Differentiates the positions twice on an even grid; see the class."""
         self.names = tuple(positions)
         self.start_ns = int(stamp_ns[0]) if len(stamp_ns) else 0
         seconds = (stamp_ns - self.start_ns) * 1e-9

@@ -146,11 +146,11 @@ def _label(
         if len(inside):
             values[inside] = _interpolate(frames[inside], times, readings, round(max_gap_s * 1e9))
         last_time, last_value = times[-1:], readings[-1:]
-    known = np.zeros(3, np.bool_)
+    measured = np.zeros(3, np.bool_)
     if len(last_value):
-        known = np.logical_not(np.isnan(last_value[0]))
-    values[np.isnan(values[:, known]).any(axis=1)] = math.nan
-    return Labels(frames, values, known)
+        measured = np.logical_not(np.isnan(last_value[0]))
+    values[np.isnan(values[:, measured]).any(axis=1)] = math.nan
+    return Labels(frames, values, measured)
 
 
 def _in_base(force: FloatArray, frame: str, facts: ForceCorrections, where: str) -> FloatArray:

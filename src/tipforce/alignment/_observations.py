@@ -142,10 +142,11 @@ class ObservationQueue:
         images = self._pairing.views_of(frame)
         if not images:
             return []
+        # a later reading that is there already is used even if no frame waits for one
         values = self._series.at(np.array([frame.stamp_ns]), wait_s=max(self._wait_s, WAIT_S))
-        known = {name: float(value[0]) for name, value in values.items() if not np.isnan(value[0])}
+        readings = {name: float(value[0]) for name, value in values.items() if not np.isnan(value[0])}
         self._series.forget_before(frame.stamp_ns)
-        return [Observation(frame.stamp_ns, images, known)]
+        return [Observation(frame.stamp_ns, images, readings)]
 
 
 def observations(

@@ -69,13 +69,13 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
     axes = ~np.isnan(force_n).all(axis=0)
     usable = np.isfinite(force_n[:, axes]).all(axis=1)
     seconds, force_n = seconds[usable], force_n[usable]
-    known = force_n[:, axes]
+    measured = force_n[:, axes]
     number = np.floor(seconds / _BIN_S).astype(np.int64)
     count = int(number[-1]) + 1 if len(number) else 0
     filled = np.bincount(number, minlength=count)
-    if count < 2 * _WINDOW_BINS or not known.shape[1]:
+    if count < 2 * _WINDOW_BINS or not measured.shape[1]:
         return Tare(detail=f"the force log of {seconds[-1]:.1f} s is too short to look for a contact-free stretch")
-    sums = np.stack([np.bincount(number, column, minlength=count) for column in known.T], axis=1)
+    sums = np.stack([np.bincount(number, column, minlength=count) for column in measured.T], axis=1)
     bins = sums / np.maximum(filled, 1)[:, None]
     spread = np.linalg.norm(np.percentile(bins, 97.5, axis=0) - np.percentile(bins, 2.5, axis=0))
     if spread < 1e-9:
@@ -90,10 +90,10 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
     for first, last in chosen:
         inside |= (number >= first) & (number < last)
     mean, stderr = _mean(seconds[inside], force_n[inside])
-    others = [run for level in levels if level is not chosen for run in level]
+    other_runs = [run for level in levels if level is not chosen for run in level]
     detail = ""
-    if others:
-        places = ", ".join(f"{first * _BIN_S:.1f}-{last * _BIN_S:.1f} s" for first, last in others[:3])
+    if other_runs:
+        places = ", ".join(f"{first * _BIN_S:.1f}-{last * _BIN_S:.1f} s" for first, last in other_runs[:3])
         detail = f"quiet at another level too ({places}), taken for held contact; state tare if that is wrong"
     return Tare(mean, stderr, tuple((first * _BIN_S, last * _BIN_S) for first, last in chosen), "detected", detail)
 
@@ -106,9 +106,9 @@ def _quiet_runs(bins: FloatArray, filled: BoolArray, spread: float) -> list[tupl
     """
     windows = np.lib.stride_tricks.sliding_window_view(bins, _WINDOW_BINS, axis=0)
     scatter = np.sqrt(np.sum(np.var(windows, axis=-1), axis=-1))
-    whole = np.lib.stride_tricks.sliding_window_view(filled, _WINDOW_BINS).all(axis=-1)
+    all_filled = np.lib.stride_tricks.sliding_window_view(filled, _WINDOW_BINS).all(axis=-1)
     quiet = np.zeros(len(bins) + 1, dtype=np.int64)
-    for start in np.flatnonzero((scatter < _QUIET * spread) & whole).tolist():
+    for start in np.flatnonzero((scatter < _QUIET * spread) & all_filled).tolist():
         quiet[start : start + _WINDOW_BINS] = 1
     edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet])))
     runs: list[tuple[int, int]] = []
@@ -120,7 +120,10 @@ def _quiet_runs(bins: FloatArray, filled: BoolArray, spread: float) -> list[tupl
 
 
 def _levels(bins: FloatArray, runs: list[tuple[int, int]], spread: float) -> list[list[tuple[int, int]]]:
-    """Returns the quiet runs (first, end) in groups of the same median force, a group for each level."""
+    """Returns the quiet ``runs`` (first, end bin) in groups, one for each level of the force.
+
+    The median force of ``bins`` (n, k) in N differs within a group by less than 8 % of ``spread``, the force's range.
+    """
     levels: list[tuple[FloatArray, list[tuple[int, int]]]] = []
     for first, last in runs:
         mean = np.median(bins[first:last], axis=0)
@@ -134,7 +137,10 @@ def _levels(bins: FloatArray, runs: list[tuple[int, int]], spread: float) -> lis
 
 
 def _surrounded(bins: FloatArray, level: list[tuple[int, int]], spread: float) -> bool:
-    """Returns whether forces are on both sides of a level: contact only pushes, so it cannot be the free one."""
+    """Returns whether forces are on both sides of a level: contact only pushes, so it cannot be the free one.
+
+    ``bins`` (n, k) are forces in N, ``level`` the runs (first, end bin) at this level; ``spread`` is the force's range.
+    """
     centre = np.median(np.concatenate([bins[first:last] for first, last in level]), axis=0)
     difference = bins - centre
     _, axes = np.linalg.eigh(difference.T @ difference)

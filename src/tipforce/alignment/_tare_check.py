@@ -62,20 +62,20 @@ def changing_tare(
     seconds = (stamps - stamps[0]) * 1e-9
     inside = tare.covers(seconds)
     axes = ~np.isnan(force).all(axis=0)
-    known = np.isfinite(force[:, axes]).all(axis=1)
+    finite = np.isfinite(force[:, axes]).all(axis=1)
     if not stage.names and moving_mass_kg and inertia.how != "estimated":  # contact looks like that mass
         return None
-    carried = np.broadcast_to(carried_n(stage, inertia, stamps), force.shape)[known][:, axes]
-    rest = force[known][:, axes] - carried
-    inside, outside = inside[known], ~inside[known]
+    carried = np.broadcast_to(carried_n(stage, inertia, stamps), force.shape)[finite][:, axes]
+    remainder = force[finite][:, axes] - carried
+    inside, outside = inside[finite], ~inside[finite]
     if inside.sum() < 10 or outside.sum() < 10:
         return None
     period = max(float(np.median(np.diff(seconds))), 1e-6)
-    smooth = uniform_filter1d(rest, max(1, round(_SMOOTH_S / period)), axis=0, mode="nearest")
-    change, usual = _spread(smooth[inside]), _spread(smooth[outside])
+    smooth = uniform_filter1d(remainder, max(1, round(_SMOOTH_S / period)), axis=0, mode="nearest")
+    change, elsewhere = _spread(smooth[inside]), _spread(smooth[outside])
     share = _MAX_CHANGE if stage.names else _MAX_CHANGE_NO_STAGE
-    if change > max(_MIN_CHANGE_N, share * usual):
-        detail = f"the force changes by {change:.3f} N in the stretch of the tare, and by {usual:.3f} N elsewhere"
+    if change > max(_MIN_CHANGE_N, share * elsewhere):
+        detail = f"the force changes by {change:.3f} N in the stretch of the tare, and by {elsewhere:.3f} N elsewhere"
         if not stage.names:
             detail += " (if the sensor rides on a moving stage, import the stage's log too)"
         return _finding(tare, change, detail)
@@ -120,11 +120,11 @@ def pulling_force(
     base = tared @ facts.sensor.matrix.T
     at_frames = np.stack([np.interp(frame_ns, stamps, base[:, axis]) for axis in range(2)], axis=1)
     tips = np.array([_tip_direction(shape) for shape in shapes])
-    known = np.isfinite(tips).all(axis=1) & (frame_ns >= stamps[0]) & (frame_ns <= stamps[-1])
-    if known.sum() < _MIN_FRAMES:
+    covered = np.isfinite(tips).all(axis=1) & (frame_ns >= stamps[0]) & (frame_ns <= stamps[-1])
+    if covered.sum() < _MIN_FRAMES:
         return None
-    along = np.sum(tips[known] * at_frames[known], axis=1)
-    sizes = np.linalg.norm(at_frames[known], axis=1)
+    along = np.sum(tips[covered] * at_frames[covered], axis=1)
+    sizes = np.linalg.norm(at_frames[covered], axis=1)
     if sizes.mean() < _MIN_PULL_N or along.sum() < _MIN_PULL * sizes.sum():
         return None
     pull_n = float(np.percentile(along, 95))

@@ -61,11 +61,11 @@ def read_facts(path: Path) -> FolderFacts:
         raise FileFormatError(f"{path}: files must be an object: name of a shard -> its size and checksum")
     if not isinstance(sessions, dict) or not all(isinstance(own, dict) for own in sessions.values()):
         raise FileFormatError(f"{path}: sessions must be an object: name -> its metadata")
-    known = {each.name for each in fields(SessionInfo)} - {"name"}
+    allowed = {each.name for each in fields(SessionInfo)} - {"name"}
     for key in shared:
-        if key not in known:
+        if key not in allowed:
             raise FileFormatError(
-                f"{path}: {key} is not known; it may hold title, view, sessions, files, {', '.join(sorted(known))}"
+                f"{path}: {key} is not known; it may hold title, view, sessions, files, {', '.join(sorted(allowed))}"
             )
     facts = FolderFacts(title, view, shared, sessions, str(path), files)
     session_info_of(facts, sessions or [""])  # reports wrong values here
@@ -97,11 +97,11 @@ def facts_text(title: str, infos: Sequence[SessionInfo], view: str) -> str:
         infos: metadata of each session; values that all of them share are stated once.
         view: view of the column ``file_name``.
     """
-    known = [{key: value for key, value in info.values().items() if key != "name"} for info in infos]
-    shared = known[0]
-    for values in known[1:]:
+    stated = [{key: value for key, value in info.values().items() if key != "name"} for info in infos]
+    shared = stated[0]
+    for values in stated[1:]:
         shared = _common(shared, values)
-    single = {info.name: _beyond(values, shared) for info, values in zip(infos, known, strict=True)}
+    single = {info.name: _beyond(values, shared) for info, values in zip(infos, stated, strict=True)}
     content = {"title": title, "view": view, **shared, "sessions": single}
     return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
 

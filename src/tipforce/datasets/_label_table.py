@@ -131,8 +131,8 @@ def _actuation(table: LabelTable, views: Sequence[str]) -> list[str]:
 
     Raises TableError for a column without a unit, and for a force that would be left out.
     """
-    taken = {"session", *table.time_columns(), *FORCES, *views}
-    names = [name for name in table.columns if name not in taken and name.split("_")[0] != "note"]
+    other_columns = {"session", *table.time_columns(), *FORCES, *views}
+    names = [name for name in table.columns if name not in other_columns and name.split("_")[0] != "note"]
     for name in names:
         if is_force(name) and name[0].lower() == "f":
             raise TableError(
@@ -158,8 +158,8 @@ def check_stamps(where: str, session: str, stamps: IntArray) -> None:
     Raises:
         TimeError: two samples have the same stamp.
     """
-    same = np.flatnonzero(np.diff(stamps) == 0)
-    if len(same):
+    repeats = np.flatnonzero(np.diff(stamps) == 0)
+    if len(repeats):
         raise TimeError(
-            f"{where}: session {session} has two samples with the stamp {int(stamps[same[0]])} ns; give each its own"
+            f"{where}: session {session} has two samples with the stamp {int(stamps[repeats[0]])} ns; give each its own"
         )

@@ -67,6 +67,7 @@ class ShardTable:
     """All columns of the shards except the images, as `LabelTable`; ``ends`` (shards,): rows up to each end."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
+        """Reads all columns but the images of the shards; raises TableError where their columns differ."""
         self.path = paths[0]
         self._paths = tuple(paths)
         schemas = [_opened(path).schema_arrow for path in paths]

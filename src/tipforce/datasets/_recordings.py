@@ -45,8 +45,8 @@ def open_recordings(paths: Sequence[Path], title: str, *, view: str | None = Non
             opened.append(path)
             for stream in (*views, force):
                 if stream not in reader.info.streams:
-                    there = ", ".join(reader.info.streams) or "none"
-                    raise InputError(f"{path}: to train on it, a recording needs a stream {stream!r}; it has {there}")
+                    present = ", ".join(reader.info.streams) or "none"
+                    raise InputError(f"{path}: to train on it, a recording needs a stream {stream!r}; it has {present}")
             session_labels = labels(reader, camera=views[0], force=force)
             session_stamps, force_known = session_labels.stamp_ns, session_labels.known
             has_force = np.isfinite(session_labels.force_n[:, force_known]).all(axis=1) & force_known.any()

@@ -33,6 +33,7 @@ class DatasetSource(ClosedAtExit):
         actuation: Mapping[str, float] | None = None,
         stated: SessionInfo | None = None,
     ) -> None:
+        """Joins metadata and drives of the samples with the stated ones; see the class for the arguments."""
         stated = stated or SessionInfo()
         (name,) = dataset.sessions
         recorded = {drive for drive, values in dataset.actuation.items() if np.isfinite(values).any()}

@@ -41,11 +41,7 @@ class Constant(Estimator):
         self.estimate_: ForceEstimate | None = None
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Takes the means of the labels; see `Estimator.fit`.
-
-        Raises:
-            InputError: ``dataset`` has no samples.
-        """
+        """Takes the means of the labels; see `Estimator.fit`. Raises InputError without samples."""
         if not len(dataset):
             raise InputError("the constant predictor got no samples to take the mean of; give it at least one")
         known = np.asarray(dataset.known)  # (3,) axes that the sensor measures
@@ -62,11 +58,7 @@ class Constant(Estimator):
         return self.calibrate(dataset)
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Takes the quantiles of the labels; see `Estimator.calibrate`.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-        """
+        """Takes the quantiles of the labels; see `Estimator.calibrate`. Raises NotFittedError before `fit`."""
         band = np.quantile(np.nan_to_num(dataset.force_n), (0.05, 0.95), axis=0).T
         self.estimate_ = replace(
             self._fitted(),

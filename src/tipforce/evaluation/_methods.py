@@ -95,13 +95,13 @@ def methods_from(
                 )
             )
         else:
-            known = ", ".join(ESTIMATORS)
+            listed = ", ".join(ESTIMATORS)
             raise InputError(
-                f"{model}: is neither the folder of a saved model nor a method; the methods are {known}, "
+                f"{model}: is neither the folder of a saved model nor a method; the methods are {listed}, "
                 "and `tipforce train DATA -o FOLDER` saves a model"
             )
-    taken = [method.label for method in methods]
-    if len(set(taken)) < len(taken):
+    labels = [method.label for method in methods]
+    if len(set(labels)) < len(labels):
         # Two folders of the same name differ by their whole paths.
         methods = [replace(method, label=str(Path(model))) for model, method in zip(models, methods, strict=True)]
     return methods

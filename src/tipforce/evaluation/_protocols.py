@@ -217,7 +217,7 @@ def run_protocol(
         fits: Fits the method; None: nothing is kept on disk.
     """
     fits = fits or KeptFits()
-    parts: list[Predictions] = []
+    predictions_of_splits: list[Predictions] = []
     fitted_splits: list[FittedSplit] = []
     for number, split in enumerate(splits):
         step = f"{method.label}, {protocol} {number + 1}/{len(splits)}"
@@ -230,9 +230,9 @@ def run_protocol(
         report("", 0.0)
         fitted, seconds = fits.fit(method, split, data.dataset, report)
         fitted_splits.append(FittedSplit(protocol, split, seconds, fitted.describe(), fitted))
-        parts.append(_predict(fitted, method.label, protocol, split.name, data, split.test))
+        predictions_of_splits.append(_predict(fitted, method.label, protocol, split.name, data, split.test))
         report("", 1.0)
-    predictions = concatenate(parts)
+    predictions = concatenate(predictions_of_splits)
     return data.result(predictions, constant or predictions, fitted_splits)
 
 

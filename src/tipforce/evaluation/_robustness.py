@@ -95,11 +95,7 @@ def perturbed_metrics(
 
 
 def require_images(dataset: Dataset) -> None:
-    """Checks that the samples have images, before minutes of training.
-
-    Raises:
-        InputError: The first sample has no image.
-    """
+    """Checks before minutes of training that the samples have images; raises InputError if the first one has none."""
     first = next(dataset.subset(np.arange(1)).observations())
     if not any(isinstance(view, np.ndarray) for view in first.views.values()):
         raise InputError(
@@ -120,8 +116,8 @@ def _fitted(
         estimators, means = ({fit.split.name: fit.estimator for fit in each.fits} for each in (result, constant))
         return estimators, means
     assert method.saved is not None
-    rest = np.setdiff1d(np.arange(len(dataset)), result.predictions.index)
-    return {AS_SAVED: method.saved}, {AS_SAVED: Constant().fit(dataset.subset(rest) if len(rest) else dataset)}
+    others = np.setdiff1d(np.arange(len(dataset)), result.predictions.index)
+    return {AS_SAVED: method.saved}, {AS_SAVED: Constant().fit(dataset.subset(others) if len(others) else dataset)}
 
 
 def _parts(

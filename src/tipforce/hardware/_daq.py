@@ -222,7 +222,7 @@ class DaqForce(Driver):
             raise DeviceError(f"{self._where}: gave samples of shape {volts.shape}; expected (n, {_GAUGES})")
         self._samples += len(volts)
         period_ns = 1e9 / self._rate_hz
-        last_ns = self._map.host_ns(round((self._samples - 1) * period_ns), arrival)
+        last_ns = self._map.host_ns(round((self._samples - 1) * period_ns), arrival)  # time of the last sample
         if len(self._at_zero) < round(self.config.zero_s / _BLOCK_S):  # still without load, see the config
             self._at_zero.append(volts)
             self._zero = np.concatenate(self._at_zero).mean(axis=0)
@@ -238,8 +238,8 @@ class DaqForce(Driver):
             period_ns: time between samples.
         """
         low, high = self.calibration.range_v
-        middle, half = (low + high) / 2, (high - low) / 2
-        is_unsaturated = (np.abs(volts - middle) < SATURATED_SHARE * half).all(axis=1)
+        centre_v, half_range_v = (low + high) / 2, (high - low) / 2
+        is_unsaturated = (np.abs(volts - centre_v) < SATURATED_SHARE * half_range_v).all(axis=1)
         if not is_unsaturated.all():
             self.counts["saturated"] += int((~is_unsaturated).sum())
             self.remark = f"{self._where}: a gauge was saturated: the sensor is overloaded, or a cable is broken"

@@ -124,6 +124,7 @@ class GrblStage(Driver):
     config_type = GrblConfig
 
     def __init__(self, config: GrblConfig, name: str = "stage") -> None:
+        """Prepares the state of a controller that is not connected yet."""
         super().__init__(name)
         self.config = config
         self.actuators = GrblActuators(self)
@@ -219,7 +220,7 @@ class GrblStage(Driver):
             number = str(first_number + index)
             if number not in reported:
                 raise DeviceError(f"{self._where}: has no setting ${number}, so no axis {axis.axis}")
-            actual = reported[number] / per_second / per_unit
+            actual = reported[number] / per_second / per_unit  # GRBL states speeds for a minute
             settings.append(Setting(f"{name}.{key}", stated, actual))
             values.append(actual if stated is None else min(stated, actual))
         travel, needed = reported.get(str(_TRAVEL + index), math.inf) / per_unit, axis.high - axis.low

@@ -279,14 +279,14 @@ class NetFt(Driver):
             arrival_ns: time of its arrival on the clock of the host.
         """
         restarts = self.counts["restarts"]
-        taken = self._check.take(packet)
+        reading = self._check.take(packet)
         if self.counts["restarts"] > restarts:
             self._map, self._zero = ArrivalClock(), None
         if self._check.status:
             self.remark = f"{self._where}: refused readings with the status word 0x{self._check.status:08x}"
-        if taken is None:
+        if reading is None:
             return None
-        rdt, counts = taken
+        rdt, counts = reading
         if self._zero is None:
             self._zero = rdt
         device_ns = round((rdt - self._zero) % _COUNT * 1e9 / self._rate_hz)

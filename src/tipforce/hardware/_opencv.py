@@ -106,6 +106,7 @@ class OpenCvCamera(Driver):
     config_type = OpenCvCameraConfig
 
     def __init__(self, config: OpenCvCameraConfig, view: str = "camera", open_capture: Any = None) -> None:
+        """Prepares the driver; `connect` opens the camera. An address is read through FFmpeg."""
         super().__init__(f"cameras.{view}")
         self.config, self.view = config, view
         self._open = open_capture
@@ -168,8 +169,8 @@ class OpenCvCamera(Driver):
         self._fields = FieldCheck(self.view, self._where, deinterlace=config.deinterlace)
         self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
         self._host_ahead_ns, self._awake_ns = monotonic_to(clock), None
-        whole, image = self._capture.read()
-        if not whole:
+        has_image, image = self._capture.read()
+        if not has_image:
             raise DeviceError(f"{self._where}: gives no image")
         self._size = size_of(image)
         settings: list[Setting] = []
@@ -199,9 +200,9 @@ class OpenCvCamera(Driver):
             return () if frame is None else (frame,)
         assert self._clock is not None
         asked_ns = self._clock.now_ns()
-        whole, image = self._capture.read()
+        has_image, image = self._capture.read()
         arrival_ns = self._clock.now_ns()
-        if not whole:
+        if not has_image:
             raise DeviceError(f"{self._where}: gives no image any more")
         if size_of(image) != self._size:
             raise DeviceError(f"{self._where}: the size of its images changed from {self._size} to {size_of(image)}")

@@ -207,6 +207,7 @@ class HardwareSource:
         clock: Clock | None = None,
         described: Mapping[str, Any] | None = None,
     ) -> None:
+        """Makes a queue for each stream and a thread for each device; `__enter__` starts the threads."""
         self.session_info = info or SessionInfo()
         self.described = dict(described or {})
         self.clock: Clock = clock or SystemClock(START_NS)

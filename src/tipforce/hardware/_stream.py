@@ -62,6 +62,7 @@ class NetworkStream:
         latency_ns: int,
         options: Mapping[str, str],
     ) -> None:
+        """Prepares the connection; `open` makes it. See the class for the arguments."""
         self._source, self._view, self._where, self._counts = source, view, where, counts
         self._grey, self._latency_ns, self._options = grey, latency_ns, dict(options)
         self._deinterlace = deinterlace

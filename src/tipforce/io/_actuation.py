@@ -67,8 +67,8 @@ class ActuationSeries:
             after = np.minimum(last + 1, len(stamps) - 1)
             before = np.maximum(last, 0)
             step = np.maximum(stamps[after] - stamps[before], 1)  # ns
-            near = (after > last) & (stamps[after] - stamps_ns <= wait_s * 1e9)
-            share = np.where(near, (stamps_ns - stamps[before]) / step, 0.0)
+            soon_after = (after > last) & (stamps[after] - stamps_ns <= wait_s * 1e9)
+            share = np.where(soon_after, (stamps_ns - stamps[before]) / step, 0.0)
             value = values[before] + share * (values[after] - values[before])
             interpolated[name] = np.where(last < 0, math.nan, value)
         return interpolated

@@ -162,6 +162,7 @@ class Container:
     """
 
     def __init__(self, path: Path) -> None:
+        """Opens the file and reads its index; the four chunks that were read last stay in memory."""
         self.path = path
         self._stream = path.open("rb")
         try:
@@ -262,10 +263,10 @@ class Container:
         Raises:
             FileFormatError: the index of the chunk's messages is damaged.
         """
-        place = self.chunks[number].message_index_offsets.get(channel)
-        if place is None:
+        position = self.chunks[number].message_index_offsets.get(channel)
+        if position is None:
             return np.empty(0, np.int64), np.empty(0, np.int64)
-        head = self._read_at(place, 15)
+        head = self._read_at(position, 15)
         if len(head) < 15:
             raise self._damaged(number, "the index of its messages is cut off")
         opcode, length, owner, size = struct.unpack("<BQHI", head)  # size: bytes of the entries
@@ -338,14 +339,14 @@ class Container:
         """
         pending: list[tuple[int, int, int, int, memoryview]] = []  # time, chunk, offset, channel, payload
         for number, chunk in enumerate(self.chunks):
-            wanted = channels & set(chunk.message_index_offsets)
-            if wanted:
-                whole = memoryview(self.chunk_data(number))
-                for channel in wanted:
+            present = channels & set(chunk.message_index_offsets)
+            if present:
+                records = memoryview(self.chunk_data(number))
+                for channel in present:
                     times, offsets = self.chunk_entries(number, channel)
                     lengths = self.message_lengths(number, channel, times, offsets)
                     for time_ns, offset, length in zip(times.tolist(), offsets.tolist(), lengths.tolist(), strict=True):
-                        payload = whole[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + length]
+                        payload = records[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + length]
                         pending.append((time_ns, number, offset, channel, payload))
             pending.sort(key=lambda entry: entry[:3])
             ready = len(pending)

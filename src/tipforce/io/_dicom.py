@@ -107,6 +107,7 @@ class DicomFile:
     """
 
     def __init__(self, path: Path) -> None:
+        """Reads the header, and checks the number of frames and that a decoder for the images is installed."""
         self.path = path
         data = _read(path, pixels=False)
         self.frame_count = _checked_count(path, data)

@@ -90,7 +90,7 @@ def _xray_view(data: Any, width: int, height: int, plane: str) -> DicomView:
     if scale is None:
         return DicomView(ViewInfo(modality="xray"), plane, missing=tuple(missing))
     share = math.hypot(scale.share_std, _table_shift_m(data, missing) / scale.source_object_m)
-    found = (
+    description = (
         f"{1e3 * scale.metres_per_px:.4g} mm a pixel at the isocentre, from {scale.from_text}, +- {share:.1%} because "
         f"the catheter's distance from the isocentre is not stated ({1e3 * DEPTH_STD_M:.0f} mm are assumed)"
     )
@@ -99,7 +99,7 @@ def _xray_view(data: Any, width: int, height: int, plane: str) -> DicomView:
     )
     angles = _angles(data, missing)
     if angles is None:
-        return DicomView(info, plane, found, tuple(missing))
+        return DicomView(info, plane, description, tuple(missing))
     primary, secondary = angles  # degrees
     arm = CArm(
         primary,
@@ -119,8 +119,8 @@ def _xray_view(data: Any, width: int, height: int, plane: str) -> DicomView:
     )
     first = f"{'LAO' if primary >= 0 else 'RAO'} {abs(primary):g}"
     second = f"{'cranial' if secondary >= 0 else 'caudal'} {abs(secondary):g}"
-    found = f"C-arm at {first}, {second} degrees, +- {ASSUMED_TURN_DEG[0]:g} assumed; {found}"
-    return DicomView(info, plane, found, tuple(missing))
+    description = f"C-arm at {first}, {second} degrees, +- {ASSUMED_TURN_DEG[0]:g} assumed; {description}"
+    return DicomView(info, plane, description, tuple(missing))
 
 
 def _positive(data: Any, name: str) -> float | None:

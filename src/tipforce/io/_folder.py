@@ -74,17 +74,17 @@ class InFolder:
         """
         path = self._folder / name
         try:
-            there, link = path.is_file(), path.is_symlink()
+            exists, is_link = path.is_file(), path.is_symlink()
         except (OSError, ValueError):  # no file can have this name
-            there, link = False, False
+            exists, is_link = False, False
         if path.parent not in self._places:  # thousands of images are in few folders
             self._places[path.parent] = self._within(path.parent)
-        if not self._places[path.parent] or (link and not self._within(path)):
+        if not self._places[path.parent] or (is_link and not self._within(path)):
             raise FileFormatError(
                 f"{table.path}, {table.place(row)}: {name[:200]!r} is outside of {self._folder}; copy it there and "
                 "name it from there"
             )
-        if not there:
+        if not exists:
             raise FileFormatError(f"{table.path}, {table.place(row)}: there is no image {str(path)[:300]}")
         return path
 
@@ -155,18 +155,18 @@ def _from_names(folder: Path) -> ImageFolder:
     if not files:
         raise FileFormatError(f"{folder}: holds no images ({', '.join(sorted(IMAGE_SUFFIXES))})")
     stamps = [_stamp_of(path) for path in files]
-    known = [stamp for stamp in stamps if stamp is not None]
-    if not known:
+    stated = [stamp for stamp in stamps if stamp is not None]
+    if not stated:
         _warn_of_order(folder, files)
         return ImageFolder(files, _numbered(len(files)), {}, numbered=True)
-    if len(known) < len(files):
+    if len(stated) < len(files):
         path = files[stamps.index(None)]
         raise FileFormatError(
             f"{path}: its name holds no time stamp (seconds-nanoseconds, or a number with its unit: 41666667_ns), as "
             f"others in {path.parent} do; write the stamps into {path.parent / 'stamps.csv'} with the columns "
             "file_name,stamp_ns"
         )
-    return ImageFolder(files, np.array(known, dtype=np.int64), {})
+    return ImageFolder(files, np.array(stated, dtype=np.int64), {})
 
 
 def _by_number(path: Path) -> tuple[list[tuple[int, str]], str]:
@@ -191,11 +191,11 @@ def _warn_of_order(folder: Path, files: Sequence[Path]) -> None:
 def _stamp_of(path: Path) -> int | None:
     """Returns the stamp in the name of a file, ns; None where it has none. See `read_folder` for the forms."""
     name = path.stem
-    if both := _SEC_NANOSEC.search(name):
-        return int(both[1]) * 1_000_000_000 + int(both[2])
-    if stamped := _WITH_UNIT.search(name):
-        factor = TIME_UNITS[stamped[2]]
-        return int(stamped[1]) * factor if stamped[1].isdigit() else round(float(stamped[1]) * factor)
+    if pair := _SEC_NANOSEC.search(name):
+        return int(pair[1]) * 1_000_000_000 + int(pair[2])
+    if with_unit := _WITH_UNIT.search(name):
+        factor = TIME_UNITS[with_unit[2]]
+        return int(with_unit[1]) * factor if with_unit[1].isdigit() else round(float(with_unit[1]) * factor)
     longest = max(_DIGITS.findall(name), key=len, default="")
     if len(longest) >= 12:  # since 1970: milliseconds have 12 or 13 digits, micro 15 or 16, nano 18 or 19
         return int(longest) * (1 if len(longest) >= 18 else 1_000 if len(longest) >= 15 else 1_000_000)

@@ -30,8 +30,7 @@ _WEBP_ANIMATED = 0b10
 def max_pixels() -> int:
     """Returns the largest number of pixels of one image: 100 million, or the value of ``TIPFORCE_MAX_MEGAPIXELS``.
 
-    Raises:
-        InputError: the variable is no number from 1 to 10,000.
+    Raises InputError where the variable is no number from 1 to 10,000.
     """
     stated = os.environ.get(MAX_MEGAPIXELS)
     try:

@@ -137,6 +137,7 @@ class RecordingReader(ClosedAtExit):
     """
 
     def __init__(self, path: Path | str) -> None:
+        """Opens the file, recovers it first if it was cut off, and reads its channels and session metadata."""
         self.path, self.recovered = resolve(Path(path))
         if self.recovered:
             warnings.warn(self.recovered, stacklevel=2)
@@ -321,6 +322,7 @@ class RecordingReader(ClosedAtExit):
 
     @cached_property
     def _actuation(self) -> ActuationSeries:
+        """All readings of the catheter's drives, without those of the stage."""
         series = ActuationSeries()
         for name, (_, kind) in self._topics.items():
             if kind == "actuation" and name != STAGE:

@@ -59,6 +59,7 @@ class FileSource(ClosedAtExit):
     def __init__(
         self, path: Path, actuation: Mapping[str, float], stated: SessionInfo, view: str | None = None
     ) -> None:
+        """Opens the file, and joins its metadata and drives with the stated ones; see the class."""
         self.path, self.views = path, (view or view_of_file(path, stated.views),)
         self._file = _opened(path)
         self.remarks: tuple[str, ...] = ()
@@ -101,6 +102,7 @@ class FileSource(ClosedAtExit):
         return values[np.isfinite(values)]
 
     def __iter__(self) -> Iterator[Event]:
+        """Yields the constant readings before the first image, and before each image the readings of its row."""
         for row, frame in enumerate(self._file.frames(self.views[0])):
             if row == 0 and self._actuation:
                 yield Actuation(frame.stamp_ns, self._actuation)
@@ -126,8 +128,8 @@ def view_of_file(path: Path, stated: Iterable[str]) -> str:
     names = tuple(stated)
     if len(names) == 1:
         return names[0]
-    ends = [name for name in names if path.stem == name or path.stem.endswith((f"_{name}", f"-{name}"))]
-    return max(ends, key=len, default=DEFAULT_VIEW)
+    matching = [name for name in names if path.stem == name or path.stem.endswith((f"_{name}", f"-{name}"))]
+    return max(matching, key=len, default=DEFAULT_VIEW)
 
 
 def _with_geometry(info: SessionInfo, view: str, file: DicomFile) -> tuple[SessionInfo, tuple[str, ...]]:
@@ -190,6 +192,7 @@ class FilesOfViews(ClosedAtExit):
     """
 
     def __init__(self, paths: Sequence[Path], stated: SessionInfo) -> None:
+        """Determines the view of each file and opens it; see the class for the rules."""
         dicom = {path: DicomFile(path) for path in paths if is_dicom(path)}
         planes = {path: file.view.plane for path, file in dicom.items() if file.view.plane}
         names = {path: view_of_file(path, stated.views) for path in paths}
@@ -246,8 +249,7 @@ def _moved(events: Iterable[Event], later_ns: int) -> Iterator[Event]:
 def _later_ns(files: Mapping[Path, DicomFile]) -> list[int]:
     """Returns the time of each file's zero after that of the earliest one, ns; all 0 where one states no time.
 
-    Raises:
-        TimeError: two files do not overlap.
+    Raises TimeError where two files do not overlap.
     """
     stated = [file.start_ns for file in files.values()]
     starts = [start for start in stated if start is not None]
@@ -307,13 +309,13 @@ def open_source(
     if where.suffix in (".mcap", ".part") and not is_bag(where):
         reader = RecordingReader(where)
         constant = {} if stated is None else stated.actuation.constant
-        wanted = {**constant, **(actuation or {})}
-        lacking = set(_never_read(reader, wanted))
+        constant_readings = {**constant, **(actuation or {})}
+        lacking = set(_never_read(reader, constant_readings))
         stated_twice = sorted(set(actuation or {}) - lacking)
         if stated_twice:
             reader.close()
             raise InputError(f"{where}: carries {', '.join(stated_twice)} itself; do not state it as well")
-        filled = {name: value for name, value in wanted.items() if name in lacking}
+        filled = {name: value for name, value in constant_readings.items() if name in lacking}
         nothing_added = not filled and stated in (None, SessionInfo())
         return reader if nothing_added else _Stated(reader, filled, stated or SessionInfo())
     if not where.exists():

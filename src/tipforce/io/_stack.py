@@ -22,6 +22,7 @@ class ImageStack:
     """
 
     def __init__(self, path: Path) -> None:
+        """Reads number and size of the pages, which must be the same for all."""
         self.path = path
         data = file_bytes(path)
         check_encoded(data, str(path))
@@ -62,9 +63,9 @@ class ImageStack:
         """Yields the decoded pages."""
         data = np.frombuffer(file_bytes(self.path), np.uint8)
         for number in self._numbers:
-            whole, pages = cv2.imdecodemulti(
+            decoded, pages = cv2.imdecodemulti(
                 data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH, None, (number, number + 1)
             )
-            if not whole or not pages:
+            if not decoded or not pages:
                 raise FileFormatError(f"{self.path}: page {number + 1} is damaged; copy the file again")
             yield pages[0]

@@ -93,6 +93,7 @@ class RecordingWriter:
         overwrite: bool = False,
         origin: str = "record",
     ) -> None:
+        """Locks and opens the ``.part``, writes the session metadata, and starts the thread that flushes."""
         self.path, self.part = Path(path), part_of(Path(path))
         check_target(self.path, overwrite=overwrite, origin=origin)
         self._lossless, self._quality = lossless, jpeg_quality
@@ -340,8 +341,8 @@ def write_force_csv(path: Path | str, stamps_ns: IntArray, force_n: FloatArray) 
         stamps_ns: (n,) stamps.
         force_n: (n, 3) forces, N; an axis that is NaN throughout is left out.
     """
-    known = [axis for axis in range(3) if not np.isnan(force_n[:, axis]).all()]
+    axes = [axis for axis in range(3) if not np.isnan(force_n[:, axis]).all()]
     with atomic_text(Path(path)) as out:
-        out.write(",".join(["stamp_ns", *(f"f{'xyz'[axis]}_n" for axis in known)]) + "\n")
-        for stamp, row in zip(stamps_ns.tolist(), force_n[:, known].tolist(), strict=True):
+        out.write(",".join(["stamp_ns", *(f"f{'xyz'[axis]}_n" for axis in axes)]) + "\n")
+        for stamp, row in zip(stamps_ns.tolist(), force_n[:, axes].tolist(), strict=True):
             out.write(",".join([str(stamp), *(f"{value:.6g}" for value in row)]) + "\n")

@@ -30,7 +30,7 @@ def edited_bench(text: str, values: Mapping[str, tuple[Any, str]], where: str = 
     <BLANKLINE>
     """
     try:
-        wanted: dict[str, Any] = tomllib.loads(text)
+        expected: dict[str, Any] = tomllib.loads(text)
     except ValueError as error:
         raise InputError(f"{where}: is no TOML: {error}") from None
     lines = text.splitlines()
@@ -41,10 +41,10 @@ def edited_bench(text: str, values: Mapping[str, tuple[Any, str]], where: str = 
         nested: Any = value
         for part in reversed((*section, name)):
             nested = {part: nested}
-        wanted = merged_values(wanted, nested)
+        expected = merged_values(expected, nested)
     edited = "\n".join(lines) + "\n"
     try:
-        as_wanted = tomllib.loads(edited) == wanted
+        as_wanted = tomllib.loads(edited) == expected
     except ValueError:
         as_wanted = False
     if not as_wanted:
@@ -84,7 +84,7 @@ def _set(lines: list[str], section: tuple[str, ...], name: str, written: str) ->
 
 
 def _section(lines: list[str], section: tuple[str, ...]) -> tuple[int | None, int]:
-    """Returns first and last + 1 line of a table, without its header."""
+    """Returns the first line of a table after its header (None without the table), and the line after its last one."""
     start: int | None = None
     for row, line in enumerate(lines):
         if not line.lstrip().startswith("["):

@@ -175,7 +175,7 @@ def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
 
 
 def read_bench(path: Path | str) -> SessionInfo:
-    """Reads the metadata in the ``bench.toml`` at ``path``; `tipforce.hardware.read_hardware` reads the devices in it.
+    """Reads the metadata in the ``bench.toml`` at ``path``; `tipforce.hardware.read_devices` reads the devices in it.
 
     Raises:
         FileFormatError: there is no such file, or it is no TOML.
@@ -192,11 +192,7 @@ def read_bench(path: Path | str) -> SessionInfo:
 
 
 def bench_values(path: Path | str) -> dict[str, Any]:
-    """Returns all values in the ``bench.toml`` at ``path`` as TOML has them.
-
-    Raises:
-        FileFormatError: the file does not exist or is not readable as TOML.
-    """
+    """Returns all values in the ``bench.toml`` at ``path`` as TOML has them. Raises FileFormatError."""
     path = Path(path)
     if path.is_dir():
         raise FileFormatError(f"{path}: is a folder; state the bench.toml in it")

@@ -431,10 +431,10 @@ class SessionInfo:
 
     def only(self, keys: Iterable[str]) -> "SessionInfo":
         """Returns these metadata with only ``keys`` of the values of catheter, views, sensor, actuation and tissue."""
-        wanted = set(keys)
+        kept_keys = set(keys)
         values = self.values()
         for key in self.stated_keys():
-            if key not in wanted:
+            if key not in kept_keys:
                 *path, last = key.split(".")
                 table = values
                 for part in path:

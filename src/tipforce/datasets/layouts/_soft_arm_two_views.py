@@ -77,8 +77,8 @@ def _read_set(folder: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     if not len(images):
         raise FileFormatError(f"{folder / INPUT}: input_test holds no samples")
     stripes = images[:, 1, 0]  # (n, 64): the first column, a value for each row of the displayed image
-    same = np.isclose(images[:, 1], np.tile(stripes[:, :STRIPES], SIZE_PX // STRIPES)[:, None], atol=1e-6)
-    uneven = np.flatnonzero(~same.all(axis=(1, 2)))
+    repeats = np.isclose(images[:, 1], np.tile(stripes[:, :STRIPES], SIZE_PX // STRIPES)[:, None], atol=1e-6)
+    uneven = np.flatnonzero(~repeats.all(axis=(1, 2)))
     if len(uneven):
         raise FileFormatError(
             f"{folder / INPUT}: sample {uneven[0]}: expected the pressures of the chambers in channel 2, as stripes "

@@ -36,8 +36,8 @@ def recognises(folder: Path) -> bool:
 
 def open_layout(folder: Path) -> Dataset:
     """Returns all sessions; raises FileFormatError or TableError if a session is incomplete."""
-    place = next(place for place in _places(folder) if any(place.glob("data_*.csv")))
-    sessions = [_session(path) for path in sorted(place.glob("data_*.csv"))]
+    tables = next(tables for place in _places(folder) if (tables := sorted(place.glob("data_*.csv"))))
+    sessions = [_session(path) for path in tables]
     names, stamps, images, shapes, wires, forces = (list(part) for part in zip(*sessions, strict=True))
     counts = [len(part) for part in stamps]
     stamp_ns, wire = np.concatenate(stamps), np.concatenate(wires)

@@ -62,6 +62,7 @@ def figure_trace(
     shown = part.quantities if quantities is None else tuple(quantities)
 
     def draw(figure: Figure) -> None:
+        """Draws a panel for each quantity; grey stretches are those in which the method abstained."""
         panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
         gaps = _stretches(seconds, ~part.valid)
         for axes, name in zip(panels, shown, strict=True):
@@ -108,6 +109,7 @@ def figure_scatter(predictions: Predictions) -> Figure:
     top = max(1.04 * largest, 1.1 * LIMIT_N)
 
     def draw(figure: Figure) -> None:
+        """Draws the points on equal axes from 0 to ``top`` newtons."""
         axes = figure.subplots()
         _plot_points(axes, reference, estimate)
         axes.plot([0, top], [0, top], color=COLOURS["reference"], linewidth=1.2, label="estimated = measured")
@@ -151,6 +153,7 @@ def figure_bland_altman(predictions: Predictions, agreement: Mapping[str, Any]) 
     mean, difference = 0.5 * (reference + estimate)[use], (estimate - reference)[use]
 
     def draw(figure: Figure) -> None:
+        """Draws the points, the bias and the limits of agreement, in N; the legend states them in mN."""
         axes = figure.subplots()
         axes.axhline(0, color=COLOURS["reference"], linewidth=0.8)
         _plot_points(axes, mean, difference)
@@ -193,6 +196,7 @@ def figure_coverage(
     names = sorted({(each[f"from_{unit}"], each[f"below_{unit}"]) for parts in strata.values() for each in parts})
 
     def draw(figure: Figure) -> None:
+        """Draws the coverage above, a colour for each method, and the number of samples of each stratum below."""
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
         lowest = 0.8
         for number, (method, parts) in enumerate(strata.items()):
@@ -206,11 +210,11 @@ def figure_coverage(
             above.plot(x, coverage, "o", color=colour, markersize=6, label=method)
             shown = np.array([*coverage, *ends[:, 0]])
             lowest = min([lowest, *shown[np.isfinite(shown)].tolist()])
-        for place, each in enumerate(names):
+        for position, each in enumerate(names):
             first = next(iter(strata.values()))
             count = next((s["samples"] for s in first if (s[f"from_{unit}"], s[f"below_{unit}"]) == each), 0)
-            below.bar(place, count, 0.6, color=GREY, alpha=0.8)
-            below.annotate(str(count), (place, count), xytext=(0, 2), textcoords="offset points", ha="center")
+            below.bar(position, count, 0.6, color=GREY, alpha=0.8)
+            below.annotate(str(count), (position, count), xytext=(0, 2), textcoords="offset points", ha="center")
         mark_line(above, 0.9, "nominal 90 %")
         above.set_ylim(max(0.0, lowest - 0.06), 1.02)
         above.yaxis.set_major_formatter(PercentFormatter(1.0, 0, " %"))
@@ -237,6 +241,7 @@ def figure_retention(curves: Mapping[str, Mapping[str, Any]], constant: str, tit
     """
 
     def draw(figure: Figure) -> None:
+        """Draws a line for each method; a dot marks the share that it abstained from by itself."""
         axes = figure.subplots()
         for number, (method, curve) in enumerate(curves.items()):
             is_constant = method == constant
@@ -281,12 +286,13 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
     top = max(float(np.nanmax(values, initial=0.0)) for groups in maes.values() for values in groups.values())
 
     def draw(figure: Figure) -> None:
+        """Draws the bars of a protocol side by side; the bars of one protocol are 0.8 wide together."""
         axes = figure.subplots()
         width = 0.8 / len(methods)
         numbered = len(methods) * len(protocols) <= _NUMBERED
-        for place, method in enumerate(methods):
-            colour = GREY if method == "constant" else METHOD_COLOURS[place % len(METHOD_COLOURS)]
-            offset = (place - (len(methods) - 1) / 2) * width
+        for number, method in enumerate(methods):
+            colour = GREY if method == "constant" else METHOD_COLOURS[number % len(METHOD_COLOURS)]
+            offset = (number - (len(methods) - 1) / 2) * width
             for group, protocol in enumerate(protocols):
                 values = maes[method].get(protocol)
                 if values is None or not math.isfinite(values[0]):
@@ -333,6 +339,7 @@ def figure_residuals(predictions: Predictions) -> Figure:
     residual = estimate - reference
 
     def draw(figure: Figure) -> None:
+        """Draws the errors, and over bins of the force the median error and the median interval."""
         axes = figure.subplots()
         axes.axhline(0, color=COLOURS["reference"], linewidth=0.8)
         axes.plot(
@@ -392,17 +399,18 @@ def figure_sessions(
     """
 
     def draw(figure: Figure) -> None:
+        """Draws a row for each session: errors of method and constant predictor (left), coverage (right)."""
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.6, 1))
-        place = np.arange(len(names))
-        left.barh(place - 0.19, mae_n, 0.38, color=colour, label="method")
-        left.barh(place + 0.19, constant_n, 0.38, color=GREY, label="constant")
-        left.set_yticks(place, [_short(name) for name in names])
+        rows = np.arange(len(names))
+        left.barh(rows - 0.19, mae_n, 0.38, color=colour, label="method")
+        left.barh(rows + 0.19, constant_n, 0.38, color=GREY, label="constant")
+        left.set_yticks(rows, [_short(name) for name in names])
         left.set_ylim(len(names) - 0.4, -0.6)
         left.grid(visible=False, axis="y")
         left.set_xlabel("MAE, N")
         legend_above(left, 2)
-        right.hlines(place, np.minimum(coverage, 0.9), np.maximum(coverage, 0.9), color=colour, alpha=0.5)
-        right.plot(coverage, place, "o", color=colour, markersize=5)
+        right.hlines(rows, np.minimum(coverage, 0.9), np.maximum(coverage, 0.9), color=colour, alpha=0.5)
+        right.plot(coverage, rows, "o", color=colour, markersize=5)
         mark_line(right, 0.9, "nominal", vertical=True)
         right.set_xlim(min(0.5, float(np.nanmin(coverage, initial=0.9)) - 0.05), 1.02)
         right.xaxis.set_major_formatter(PercentFormatter(1.0, 0, " %"))

@@ -30,6 +30,7 @@ def figure_23a(predictions: Predictions, *, width_in: float = WIDTH_IN) -> Figur
     percent = percent_of_true(predictions.reference_magnitude_n, predictions.magnitude_n)
 
     def draw(figure: Figure) -> None:
+        """Draws a point for each sample; those beyond the scale are diamonds at its edge."""
         axes = figure.subplots()
         shown = np.isfinite(percent)
         number = np.arange(1, len(percent) + 1)
@@ -62,13 +63,14 @@ def figure_23b(panels_of: Mapping[str, Predictions]) -> Figure:
     top = max((_top(predictions) for predictions in shown), default=1.0)
 
     def draw(figure: Figure) -> None:
+        """Draws the panels side by side, with the scale in grams at the last one."""
         panels = figure.subplots(1, len(panels_of), squeeze=False)[0]
-        for place, (axes, (title, predictions)) in enumerate(zip(panels, panels_of.items(), strict=True)):
+        for number, (axes, (title, predictions)) in enumerate(zip(panels, panels_of.items(), strict=True)):
             _true_against_estimated(axes, predictions, top)
             axes.set_title(title)
-            if place == 0:
+            if number == 0:
                 axes.set_ylabel("estimated force, N")
-            if place == len(panels_of) - 1:
+            if number == len(panels_of) - 1:
                 grams_axis(axes)
 
     return make_figure(draw, f"{method}: estimated and true force (thesis fig. 23b)", 3.4 * max(2, len(panels_of)))
@@ -79,6 +81,7 @@ def figure_24(predictions: Predictions) -> Figure:
     part = predictions.where(np.arange(min(len(predictions), MAX_LEGIBLE_SAMPLES)))
 
     def draw(figure: Figure) -> None:
+        """Draws the observed forces as points and the fitted ones as a line."""
         axes = figure.subplots()
         number = np.arange(1, len(part) + 1)
         axes.plot(
@@ -131,6 +134,7 @@ def figure_31(predictions: Predictions) -> Figure:
     use = predictions.valid
 
     def draw(figure: Figure) -> None:
+        """Draws two boxes for each direction, r measured and p estimated, of the samples with an estimate."""
         panels = figure.subplots(1, len(axes_of), squeeze=False)[0]
         for axes, name in zip(panels, axes_of, strict=True):
             reference, estimate, _ = predictions.column(name)
@@ -162,6 +166,7 @@ def figure_32(predictions: Predictions) -> Figure:
     axes_of = _components(predictions)
 
     def draw(figure: Figure) -> None:
+        """Draws a panel for each direction, with a line each for the measured and the estimated force."""
         panels = figure.subplots(len(axes_of), 1, sharex=True, squeeze=False)[:, 0]
         number = np.arange(1, len(part) + 1)
         for axes, name in zip(panels, axes_of, strict=True):

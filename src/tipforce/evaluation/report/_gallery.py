@@ -75,8 +75,8 @@ def _worst(predictions: Predictions, count: int) -> IntArray:
     error = np.abs(predictions.magnitude_n - predictions.reference_magnitude_n)
     chosen: list[int] = []
     for index in np.argsort(-error, kind="stable")[: int(predictions.valid.sum())].tolist():
-        same = [k for k in chosen if predictions.session[k] == predictions.session[index]]
-        if all(abs(int(predictions.stamp_ns[k]) - int(predictions.stamp_ns[index])) > _APART_NS for k in same):
+        same_session = [k for k in chosen if predictions.session[k] == predictions.session[index]]
+        if all(abs(int(predictions.stamp_ns[k]) - int(predictions.stamp_ns[index])) > _APART_NS for k in same_session):
             chosen.append(index)
         if len(chosen) == count:
             break
@@ -123,9 +123,9 @@ def _photo(image: Image) -> str:
 
 def _session_curves(session: Dataset, most: int = 60) -> list[FloatArray]:
     """Returns the curves of up to ``most`` other samples of the session, for comparison."""
-    some = np.unique(np.linspace(0, len(session) - 1, min(most, len(session))).round().astype(int))
+    rows = np.unique(np.linspace(0, len(session) - 1, min(most, len(session))).round().astype(int))
     curves: list[FloatArray] = []
-    for observation in session.subset(some).observations():
+    for observation in session.subset(rows).observations():
         for view in observation.views.values():
             curve = _curve_of_features(view) if isinstance(view, ShapeFeatures) else None
             if curve is not None:

@@ -100,8 +100,8 @@ def make_figure(
     with matplotlib.rc_context(_RC):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         if title:
-            most = int(width_in * _TITLE_PER_IN)
-            title = title if len(title) <= most else title[: most - 1] + "…"
+            max_letters = int(width_in * _TITLE_PER_IN)
+            title = title if len(title) <= max_letters else title[: max_letters - 1] + "…"
             figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold")
         draw(figure)
     return figure

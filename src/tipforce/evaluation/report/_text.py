@@ -192,8 +192,10 @@ def _bound_lines(metrics: dict[str, Any]) -> list[str]:
         bound = result["against_bound"]
         if bound is None or result["protocol"] != metrics["strictest_protocol"] or result["method"] == Constant.name:
             continue
-        one, all_frames = (fixed(bound[kind]["magnitude"]["all"]["ratio"], 2) for kind in ("one_frame", "all_frames"))
-        ratios.append(f"{result['method']} {one} (one frame), {all_frames} (all frames until then)")
+        single, all_frames = (
+            fixed(bound[kind]["magnitude"]["all"]["ratio"], 2) for kind in ("one_frame", "all_frames")
+        )
+        ratios.append(f"{result['method']} {single} (one frame), {all_frames} (all frames until then)")
     if not ratios:
         return []
     return [f"Error over the Cramer-Rao bound: {'; '.join(ratios)}. Its unknown quantities: metrics.json.", ""]

@@ -199,7 +199,7 @@ class GrblEmulator(PtyDevice):
         if self._braking and self._speed <= 0:
             self._queue.clear()
             self._braking, self._state = False, "Idle"
-        elif remaining_mm - step_mm < 1e-3:
+        elif remaining_mm - step_mm < 1e-3:  # the target is reached
             self.place, self._speed = list(target), min(self._speed, end_speed)
             self._queue.popleft()
             if not self._queue:

@@ -68,6 +68,7 @@ class NetFtEmulator:
     garbage_while_faulty: int = 2_000_000_000
 
     def __enter__(self) -> Self:
+        """Starts the UDP socket and the HTTP page, each served by a thread, and the thread that sends packets."""
         self.sent = {"made": 0, "lost": 0, "reordered": 0, "skipped": 0, "silenced": 0, "requests": 0}
         self.biased = 0
         self.rdt, self._ft = 0, 0

@@ -55,6 +55,7 @@ class PtyDevice:
             self.path.unlink(missing_ok=True)
 
     def _run(self) -> None:
+        """Passes the bytes from the driver to `received`, and calls `step`, every two milliseconds."""
         while not self._stopped.is_set():
             with self._lock:
                 data = b""

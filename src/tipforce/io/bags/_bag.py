@@ -119,10 +119,10 @@ class Bag(ClosedAtExit):
                         f'bench.toml: bag.receive_times = ["{name}"]'
                     )
 
-        for place, (name, message) in enumerate(messages(self.path, list(names))):
+        for order, (name, message) in enumerate(messages(self.path, list(names))):
             stamp = _stamp(message, name in self.received)
             if stamp is not None:
-                heapq.heappush(waiting, (stamp, place, name, message.content))
+                heapq.heappush(waiting, (stamp, order, name, message.content))
                 yield from pop_all_but(REORDERED_FRAMES)
         yield from pop_all_but(0)
 
@@ -176,8 +176,8 @@ def open_bag(path: Path, info: SessionInfo, *, images: bool = True) -> Bag:
         if force:
             remarks.append(f"the force is taken from its only topic of forces, {force.name}")
     drives, stage = _drive_topics(path, topics, stated, remarks)
-    taken = [*(topic.name for topic in views.values()), *([force.name] if force else []), *drives, *stage]
-    received = _without_stamps(path, topics, taken, stated, remarks)
+    used = [*(topic.name for topic in views.values()), *([force.name] if force else []), *drives, *stage]
+    received = _without_stamps(path, topics, used, stated, remarks)
     bag = Bag(path, SessionInfo(path.stem).updated(info), views, remarks=remarks, received=received)
     columns = _Columns(path, received, stated.names, {topic.name: topic.kind for topic in topics.values()})
     for name, message in messages(path, [*drives, *stage, *([force.name] if force else [])]):
@@ -264,7 +264,10 @@ def _unit(name: str) -> str:
 def _without_stamps(
     path: Path, topics: Mapping[str, Topic], taken: Sequence[str], stated: BagInfo, remarks: list[str]
 ) -> frozenset[str]:
-    """Returns the topics that are placed at receive times. Raises TimeError for others without stamps of their own."""
+    """Returns those of the topics ``taken`` that are placed at receive times, as ``bench.toml`` states; adds a remark.
+
+    Raises TimeError for others without stamps of their own.
+    """
     stated_topics = {"/" + name.strip("/") for name in stated.receive_times}
     by_receive_time = {name for name in taken if "/" + name.strip("/") in stated_topics}
     open_topics = {name for name in taken if topics[name].count and name not in by_receive_time}

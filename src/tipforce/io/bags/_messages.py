@@ -46,8 +46,8 @@ def _opened(path: Path) -> Generator[Any]:
     highlevel, typesys = import_extra("rosbags.highlevel", "ros"), import_extra("rosbags.typesys", "ros")
     try:
         # bags of ROS 2 before 2023 do not hold the definitions of their messages
-        known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        with highlevel.AnyReader([path], default_typestore=known) as reader:
+        message_types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        with highlevel.AnyReader([path], default_typestore=message_types) as reader:
             yield reader
     except TipforceError:
         raise

@@ -358,8 +358,8 @@ def _facts(rows: Iterable[Sequence[str]]) -> dict[str, str]:
         filled = [cell for cell in cells if cell]
         if not filled:
             continue
-        if found := _FACT.match(filled[0]):
-            facts.setdefault(found[1].lower(), found[2])
+        if match := _FACT.match(filled[0]):
+            facts.setdefault(match[1].lower(), match[2])
         elif len(filled) > 1:
             facts.setdefault(filled[0].rstrip(":= ").lower(), filled[1])
     return facts

@@ -146,14 +146,14 @@ class _Reader:
 
         ``stamps`` (n,) are in ns; ``rows`` (n,) are their rows in the table.
         """
-        at = int(np.argmax(np.diff(stamps))) + 1 if len(stamps) > 1 else 0
-        if at and stamps[at] - stamps[at - 1] > MAX_PAUSE_S * 1_000_000_000:
-            line, end = (self.table.place(int(row)).split()[-1] for row in (rows[at], rows[-1]))
-            days = (stamps[at] - stamps[at - 1]) / 86_400e9
+        after = int(np.argmax(np.diff(stamps))) + 1 if len(stamps) > 1 else 0
+        if after and stamps[after] - stamps[after - 1] > MAX_PAUSE_S * 1_000_000_000:
+            line, end = (self.table.place(int(row)).split()[-1] for row in (rows[after], rows[-1]))
+            days = (stamps[after] - stamps[after - 1]) / 86_400e9
             raise TimeError(
-                f"{self.table.path}, {self.table.place(int(rows[at]))}: is stamped {days:.0f} days after the row above "
-                f"it; if the clock was set there, import the rows from it on: {self.key}.lines = [{line}, {end}] in "
-                "bench.toml"
+                f"{self.table.path}, {self.table.place(int(rows[after]))}: is stamped {days:.0f} days after the row "
+                f"above it; if the clock was set there, import the rows from it on: {self.key}.lines = [{line}, {end}] "
+                "in bench.toml"
             )
 
     def _rate_hz(self) -> tuple[float | None, str]:
@@ -309,16 +309,16 @@ class _Reader:
         if not np.any(steps < 0):
             return stamps, rows
         late_ns = np.maximum.accumulate(stamps) - stamps
-        at = int(np.flatnonzero(steps < 0)[0]) + 1
+        first_late = int(np.flatnonzero(steps < 0)[0]) + 1
         back_s = float(late_ns.max()) * 1e-9
         median_step_s = float(np.median(np.abs(steps))) * 1e-9
         if not self.info.sort and back_s > min(MAX_DISORDER_S, MAX_DISORDER_ROWS * median_step_s):
-            line, before = self.table.place(int(rows[at])), self.table.place(int(rows[at - 1]))
+            line, before = self.table.place(int(rows[first_late])), self.table.place(int(rows[first_late - 1]))
+            step_s = float(stamps[first_late - 1] - stamps[first_late]) * 1e-9
             raise TimeError(
-                f"{self.table.path}, {line}: is stamped before the row above it, by "
-                f"{(stamps[at - 1] - stamps[at]) * 1e-9:.6g} s; if the clock was set back there, import the rows "
-                f"before it: {self.key}.lines = [1, {before.split()[-1]}] in bench.toml; if the rows are only out of "
-                f"order: {self.key}.sort = true"
+                f"{self.table.path}, {line}: is stamped before the row above it, by {step_s:.6g} s; if the clock was "
+                f"set back there, import the rows before it: {self.key}.lines = [1, {before.split()[-1]}] in bench.toml"
+                f"; if the rows are only out of order: {self.key}.sort = true"
             )
         order = np.argsort(stamps, kind="stable")
         self.remarks.append(
@@ -349,10 +349,10 @@ class _Reader:
         try:
             spread = spread_within_ticks(stamps)
         except UnevenRows:
-            at = int(repeats[0])
+            first_repeat = int(repeats[0])
             raise TimeError(
-                f"{self.table.path}, {self.table.place(int(rows[at]))}: repeats the stamp of the row before "
-                f"({stamps[at] * 1e-9:.6f} s); {len(stamps)} rows have {different} different stamps, with "
+                f"{self.table.path}, {self.table.place(int(rows[first_repeat]))}: repeats the stamp of the row before "
+                f"({stamps[first_repeat] * 1e-9:.6f} s); {len(stamps)} rows have {different} different stamps, with "
                 f"{rows_per_stamp.min()} to {rows_per_stamp.max()} rows each, which are no rows at a constant rate; if "
                 f"the sensor sends at a constant rate, state {self.key}.rate_hz in bench.toml; else keep one row of "
                 f'each stamp: {self.key}.repeated_stamps = "first"'

@@ -49,8 +49,8 @@ def named_unit(name: str) -> TimeUnit | None:
     >>> named_unit("Time [ms]"), named_unit("time_s"), named_unit("time")
     ('ms', 's', None)
     """
-    found = _UNIT_AT_END.search(name.lower())
-    return _UNITS.get(found[1] if found else name.lower().strip("[]() "))
+    match = _UNIT_AT_END.search(name.lower())
+    return _UNITS.get(match[1] if match else name.lower().strip("[]() "))
 
 
 def unit_since_1970(values: FloatArray) -> TimeUnit | None:

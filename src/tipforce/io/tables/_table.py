@@ -137,6 +137,7 @@ class Table:
     def matrix(self, names: Sequence[str]) -> FloatArray:
         """Returns (n, len(names)) finite numbers. Raises TableError with line and column of a cell that holds none."""
         columns = [self.column(name) for name in names]
+        # the rows are cached where they were read before
         values = None if "_rows" in vars(self) else self._fast(columns, np.float64)
         if values is None or not np.isfinite(values).all():
             values = np.array([[self._number(row, line, column) for column in columns] for line, row in self._rows])
@@ -255,13 +256,13 @@ class Table:
 
     def time_columns(self) -> tuple[str, ...]:
         """Returns the columns of the times; none if no column has the name of a time. Raises TableError for several."""
-        found = time_columns(self.columns)
-        if len(found) > 1 and found != ("sec", "nanosec"):
+        names = time_columns(self.columns)
+        if len(names) > 1 and names != ("sec", "nanosec"):
             raise TableError(
-                f"{self.path}: has several columns that may be the time ({listed(found)}); call one stamp_ns, and "
+                f"{self.path}: has several columns that may be the time ({listed(names)}); call one stamp_ns, and "
                 "begin the others' names with note_"
             )
-        return found
+        return names
 
     def stamps_ns(self) -> IntArray | None:
         """Returns the (n,) stamps; None if the table has none. Raises TableError for a cell that is no time."""

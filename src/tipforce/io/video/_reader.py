@@ -37,6 +37,7 @@ class VideoFile:
     """
 
     def __init__(self, path: Path) -> None:
+        """Chooses the stream and reads size, number of frames and order of the fields from the file."""
         self.path = path
         self._bits: int | None = None
         self._order: FieldOrder | None = None

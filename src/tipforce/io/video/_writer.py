@@ -46,6 +46,7 @@ class VideoWriter:
         lossless: bool = False,
         zero_ns: int | None = None,
     ) -> None:
+        """Checks path and rate; the first frame opens the file and gives its size."""
         self.path = Path(path)
         check_output_file(self.path)
         self._file = ExitStack()
