@@ -496,7 +496,7 @@ def _errors(
     if session.removed_hz:
         other_laws.append(Fit(replace(data, beat_hz=session.removed_hz), fit.shifts, penalty))
     laws = np.array([found, *(law.best(tilt) for law in other_laws)])
-    pivot = 0.0
+    pivot = 0.0  # there the errors of shift and tilt are not correlated
     if tilt:
         covariance = np.cov(peaks.T)
         pivot = float(np.clip(-covariance[0, 1] / max(covariance[1, 1], 1e-30), -0.6, 0.6))
