@@ -34,23 +34,37 @@ _BEAT_HZ = (0.4, 3.5)
 _STEP_S = 0.02
 """Step of the grid on which the beat is searched in the whole log."""
 _BLOCK_S, _MIN_BLOCKS = 4.0, 3
+"""Length of a block whose phase is measured, and fewest blocks with a beat."""
+_MIN_READINGS = 10
+"""Fewest contact-free readings that are judged."""
 MIN_BEAT_SHARE = 0.3
 """A block whose beat is weaker than this share of the median's does not count: no contact."""
 MIN_BEATS = 2.0
 """Smallest number of beats in the contact-free stretch."""
 _HARMONICS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
+"""Numbers of harmonics that are tried."""
 _SUBHARMONICS = (1, 2, 3)
 """The strongest frequency may be a multiple of the beat's."""
 _MAX_HZ, _READINGS_A_PERIOD = 30.0, 4.0
+"""Highest harmonic: at most this frequency, with at least this number of readings in its period."""
 _MAX_ROWS = 20_000
+"""More readings than these are thinned for the fit."""
 _SMOOTH_S = 0.04
+"""Readings are averaged over this time before the inertia in them is measured, so that noise does not count."""
 
 _Spectrum = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
 class _Pulse:
-    """The beat of the log: ``hz`` of its strongest harmonic and its standard error; ``scatter_s``: of its blocks."""
+    """The beat of the log.
+
+    Attributes:
+        hz: frequency of its strongest harmonic.
+        hz_stderr: one standard error of it.
+        scatter_s: standard deviation of the times of the beat in single blocks.
+        phasor: (k,) complex amplitude of this harmonic in each column of the readings.
+    """
 
     hz: float
     hz_stderr: float
@@ -73,15 +87,18 @@ def add_beat(
     Returns:
         The same where less than 2 mN remain; with the reason in ``detail`` where the rest cannot be removed.
     """
-    rest = force_n - carried_n(stage, inertia, stamps_ns)
-    axes = ~np.isnan(rest).all(axis=0)
-    rows = np.flatnonzero(np.isfinite(rest[:, axes]).all(axis=1))
-    free = _free(stamps_ns[rows], stamps_ns[0], tare)
-    if free.sum() < 10 or _rms(_smooth(stamps_ns[rows][free], rest[rows][free][:, axes])) < _MIN_INERTIA_N:
+    remainder = force_n - carried_n(stage, inertia, stamps_ns)
+    axes = ~np.isnan(remainder).all(axis=0)
+    rows = np.flatnonzero(np.isfinite(remainder[:, axes]).all(axis=1))
+    free = tare.covers((stamps_ns[rows] - stamps_ns[0]) * 1e-9)  # readings without contact
+    if (
+        free.sum() < _MIN_READINGS
+        or _rms(_smooth(stamps_ns[rows][free], remainder[rows][free][:, axes])) < _MIN_INERTIA_N
+    ):
         return tare, inertia
     reference_ns = inertia.reference_ns if inertia.axes else int(stamps_ns[rows][free].mean())
     seconds: FloatArray = ((stamps_ns[rows] - reference_ns) * 1e-9).astype(np.float64)
-    values = rest[rows][:, axes]
+    values = remainder[rows][:, axes]
     if inertia.axes:  # the stage's log shows the beat, the contact-free stretch included
         pulse = _pulse(seconds, stage.acceleration(inertia.stage_ns(stamps_ns[rows]), inertia.axes))
     else:
@@ -101,8 +118,8 @@ def add_beat(
     beat_n[:, :, axes] = waves
     level_n = tare.force_n.copy()
     level_n[axes] = level
-    found = replace(inertia, how="estimated", detail="", reference_ns=reference_ns, beat_hz=hz, beat_n=beat_n)
-    return replace(tare, force_n=level_n), found
+    with_beat = replace(inertia, how="estimated", detail="", reference_ns=reference_ns, beat_hz=hz, beat_n=beat_n)
+    return replace(tare, force_n=level_n), with_beat
 
 
 def inertia_left(stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, tare: Tare, inertia: Inertia) -> float:
@@ -116,27 +133,19 @@ def inertia_left(stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, t
         inertia: inertia that is subtracted.
 
     Returns:
-        RMS in N of the axis with most of it; 0 if there are fewer than ten readings.
+        RMS in N of the axis with most of it; 0 if there are fewer than `_MIN_READINGS` readings.
     """
-    rest = force_n - carried_n(stage, inertia, stamps_ns)
-    axes = ~np.isnan(rest).all(axis=0)
-    rows = np.flatnonzero(np.isfinite(rest[:, axes]).all(axis=1))
-    free = rows[_free(stamps_ns[rows], stamps_ns[0], tare)]
-    return _rms(_smooth(stamps_ns[free], rest[free][:, axes])) if len(free) >= 10 else 0.0
-
-
-def _free(stamps_ns: IntArray, first_ns: int, tare: Tare) -> BoolArray:
-    seconds = (stamps_ns - first_ns) * 1e-9
-    inside = np.zeros(len(seconds), np.bool_)
-    for start, end in tare.stretches_s:
-        inside |= (seconds >= start) & (seconds <= end)
-    return inside
+    remainder = force_n - carried_n(stage, inertia, stamps_ns)
+    axes = ~np.isnan(remainder).all(axis=0)
+    rows = np.flatnonzero(np.isfinite(remainder[:, axes]).all(axis=1))
+    free = rows[tare.covers((stamps_ns[rows] - stamps_ns[0]) * 1e-9)]
+    return _rms(_smooth(stamps_ns[free], remainder[free][:, axes])) if len(free) >= _MIN_READINGS else 0.0
 
 
 def _smooth(stamps_ns: IntArray, values: FloatArray) -> FloatArray:
     """Returns means (bins, axes) over 40 ms."""
-    _, place, filled = np.unique(stamps_ns // round(_SMOOTH_S * 1e9), return_inverse=True, return_counts=True)
-    return np.stack([np.bincount(place, column) / filled for column in values.T], axis=1)
+    _, bin_of, counts = np.unique(stamps_ns // round(_SMOOTH_S * 1e9), return_inverse=True, return_counts=True)
+    return np.stack([np.bincount(bin_of, column) / counts for column in values.T], axis=1)
 
 
 def _rms(values: FloatArray) -> float:
@@ -144,43 +153,47 @@ def _rms(values: FloatArray) -> float:
 
 
 def _pulse(seconds: FloatArray, values: FloatArray) -> _Pulse | str:
-    """Returns the beat in ``values`` (n, k), or the reason why no beat can be followed."""
-    number = np.floor((seconds - seconds[0]) / _STEP_S).astype(np.int64) if len(seconds) else np.empty(0, np.int64)
-    if not len(number) or number[-1] * _STEP_S < _MIN_BLOCKS * _BLOCK_S:
+    """Finds the beat in ``values`` (n, k) at ``seconds`` (n,), or returns the reason why no beat can be followed.
+
+    The peak of the spectrum gives a first frequency. If it is slightly wrong, the phase of the beat drifts from block
+    to block: the slope of a straight line through these phases corrects it, three times.
+    """
+    bin_of = np.floor((seconds - seconds[0]) / _STEP_S).astype(np.int64) if len(seconds) else np.empty(0, np.int64)
+    if not len(bin_of) or bin_of[-1] * _STEP_S < _MIN_BLOCKS * _BLOCK_S:
         return f"fewer than {_MIN_BLOCKS * _BLOCK_S:g} s of readings follow the beat"
-    size = int(number[-1]) + 1
-    filled = np.bincount(number, minlength=size)
-    sums = np.stack([np.bincount(number, column, size) for column in (values - values.mean(axis=0)).T], axis=1)
-    even = sums / np.maximum(filled, 1)[:, None]
+    size = int(bin_of[-1]) + 1
+    counts = np.bincount(bin_of, minlength=size)
+    sums = np.stack([np.bincount(bin_of, column, size) for column in (values - values.mean(axis=0)).T], axis=1)
+    even = sums / np.maximum(counts, 1)[:, None]  # (size, k) on an even grid; 0 where there is no reading
     time = seconds[0] + (np.arange(size) + 0.5) * _STEP_S
-    padded = 8 * size
+    padded = 8 * size  # a finer spectrum
     power = np.sum(np.abs(np.fft.rfft(even * np.hanning(size)[:, None], padded, axis=0)) ** 2, axis=1)
     hertz = np.fft.rfftfreq(padded, _STEP_S)
     band = np.flatnonzero((hertz >= _BEAT_HZ[0]) & (hertz <= _BEAT_HZ[1]))
     hz = float(hertz[band[np.argmax(power[band])]])
     block = np.minimum(np.arange(size) // round(_BLOCK_S / _STEP_S), size // round(_BLOCK_S / _STEP_S) - 1)
-    middle = np.bincount(block, time) / np.bincount(block)
+    block_time = np.bincount(block, time) / np.bincount(block)
     hz_stderr = scatter_s = math.inf
-    whole = np.zeros(even.shape[1], np.complex128)
+    total = np.zeros(even.shape[1], np.complex128)
     for _ in range(3):
-        turned = even * np.exp(-2j * math.pi * hz * time)[:, None]
-        parts = np.stack(
-            [np.bincount(block, column.real) + 1j * np.bincount(block, column.imag) for column in turned.T], axis=1
+        rotated = even * np.exp(-2j * math.pi * hz * time)[:, None]
+        phasors = np.stack(
+            [np.bincount(block, column.real) + 1j * np.bincount(block, column.imag) for column in rotated.T], axis=1
         )
-        whole = parts.sum(axis=0)
-        matched = parts @ np.conj(whole)
+        total = phasors.sum(axis=0)
+        matched = phasors @ np.conj(total)  # (blocks,) how strong, and at which phase, each has the beat of all
         strong = np.abs(matched) > MIN_BEAT_SHARE * np.median(np.abs(matched))
         if strong.sum() < _MIN_BLOCKS:
             return "the beat is not seen in the whole log"
         phase = np.unwrap(np.angle(matched[strong]))
-        away = middle[strong] - middle[strong].mean()
-        slope = float(away @ phase) / float(away @ away)
-        left = phase - phase.mean() - slope * away
-        scatter = math.sqrt(float(left @ left) / max(len(left) - 2, 1))
+        from_middle = block_time[strong] - block_time[strong].mean()
+        slope = float(from_middle @ phase) / float(from_middle @ from_middle)
+        residual = phase - phase.mean() - slope * from_middle
+        scatter = math.sqrt(float(residual @ residual) / max(len(residual) - 2, 1))
         hz += slope / (2.0 * math.pi)
-        hz_stderr = scatter / math.sqrt(float(away @ away)) / (2.0 * math.pi)
+        hz_stderr = scatter / math.sqrt(float(from_middle @ from_middle)) / (2.0 * math.pi)
         scatter_s = scatter / (2.0 * math.pi * hz)
-    return _Pulse(hz, hz_stderr, scatter_s, 2.0 * whole / max(int((filled > 0).sum()), 1))
+    return _Pulse(hz, hz_stderr, scatter_s, 2.0 * total / max(int((counts > 0).sum()), 1))
 
 
 def _columns(seconds: FloatArray, hz: float, count: int) -> FloatArray:
@@ -190,8 +203,20 @@ def _columns(seconds: FloatArray, hz: float, count: int) -> FloatArray:
 
 
 def _repeating(seconds: FloatArray, values: FloatArray, hz: float) -> tuple[FloatArray, float, FloatArray] | str:
-    """Fits level (k,), frequency of the beat and its harmonics (count, 2, k) to readings (n, k), or returns why not."""
-    step = -(-len(seconds) // _MAX_ROWS)
+    """Fits level and harmonics of the beat to contact-free readings, or returns the reason why it cannot.
+
+    The beat is at ``hz`` or a half or third of it, with the number of harmonics that the Bayesian information criterion
+    prefers.
+
+    Args:
+        seconds: (n,) times.
+        values: (n, k) readings, N.
+        hz: strongest frequency.
+
+    Returns:
+        Level (k,) in N, frequency of the beat, and cosines and sines of its harmonics (count, 2, k) in N.
+    """
+    step = -(-len(seconds) // _MAX_ROWS)  # rounded up
     seconds, values = seconds[::step], values[::step]
     span, rate = float(np.ptp(seconds)), len(seconds) / max(float(np.ptp(seconds)), 1e-9)
     if span * hz < MIN_BEATS:
@@ -199,42 +224,45 @@ def _repeating(seconds: FloatArray, values: FloatArray, hz: float) -> tuple[Floa
     highest = min(_MAX_HZ, rate / _READINGS_A_PERIOD)
     best, least = None, math.inf
     for divisor in _SUBHARMONICS:
-        own = hz / divisor
-        counts = [count for count in _HARMONICS if count >= divisor and own * count <= highest]
-        if span * own < MIN_BEATS or not counts:
+        beat_hz = hz / divisor
+        counts = [count for count in _HARMONICS if count >= divisor and beat_hz * count <= highest]
+        if span * beat_hz < MIN_BEATS or not counts:
             continue
-        columns = np.column_stack([np.ones(len(seconds)), _columns(seconds, own, counts[-1])])
+        columns = np.column_stack([np.ones(len(seconds)), _columns(seconds, beat_hz, counts[-1])])
         squares, products = columns.T @ columns, columns.T @ values
-        for count in counts:
-            kept = np.concatenate([[0], np.arange(1, count + 1), counts[-1] + np.arange(1, count + 1)])
-            solved = np.linalg.solve(squares[np.ix_(kept, kept)], products[kept])
-            loss = float(np.sum((values - columns[:, kept] @ solved) ** 2))
-            # Bayesian information criterion
-            score = values.size * math.log(max(loss, 1e-30)) + solved.size * math.log(len(seconds))
-            if score < least:
+        for count in counts:  # level, the first cosines and the first sines
+            used = np.concatenate([[0], np.arange(1, count + 1), counts[-1] + np.arange(1, count + 1)])
+            solved = np.linalg.solve(squares[np.ix_(used, used)], products[used])
+            loss = float(np.sum((values - columns[:, used] @ solved) ** 2))
+            criterion = values.size * math.log(max(loss, 1e-30)) + solved.size * math.log(len(seconds))
+            if criterion < least:
                 waves = np.stack([solved[1 : 1 + count], solved[1 + count :]], axis=1)
-                best, least = (solved[0].astype(np.float64), own, waves.astype(np.float64)), score
+                best, least = (solved[0].astype(np.float64), beat_hz, waves.astype(np.float64)), criterion
     return best or f"the force log's {rate:.0f} readings a second are too few"
 
 
 def _checked(
     seconds: FloatArray, free: BoolArray, hz: float, waves: FloatArray, pulse: _Pulse, *, in_step: bool
 ) -> tuple[float, str]:
-    """Returns the RMS inertia on its strongest axis in N, and the reason why it may not be subtracted, or ""."""
-    sizes = np.sum(waves**2, axis=1)  # (count, k)
-    size_n = math.sqrt(0.5 * float(sizes.sum(axis=0).max()))
-    turns = 2.0 * math.pi * hz * np.arange(1, len(waves) + 1)
-    speed = math.sqrt(0.5 * float((turns[:, None] ** 2 * sizes).sum(axis=0).max()))
-    away_s = float(np.abs(seconds - seconds[free].mean()).max())
-    timing_s = math.hypot(pulse.scatter_s, pulse.hz_stderr / pulse.hz * away_s)
-    error_n = speed * timing_s
+    """Returns the RMS inertia on its strongest axis in N, and the reason why it may not be subtracted, or "".
+
+    ``free`` (n,) states for each of ``seconds`` (n,) whether there is no contact. ``waves`` (count, 2, k) are in N.
+    ``in_step``: whether the beat of the contact is compared with that of the inertia.
+    """
+    squares = np.sum(waves**2, axis=1)  # (count, k)
+    size_n = math.sqrt(0.5 * float(squares.sum(axis=0).max()))
+    angular = 2.0 * math.pi * hz * np.arange(1, len(waves) + 1)  # rad/s
+    slope_n_per_s = math.sqrt(0.5 * float((angular[:, None] ** 2 * squares).sum(axis=0).max()))
+    farthest_s = float(np.abs(seconds - seconds[free].mean()).max())
+    timing_s = math.hypot(pulse.scatter_s, pulse.hz_stderr / pulse.hz * farthest_s)
+    error_n = slope_n_per_s * timing_s
     if error_n > min(_MAX_ERROR_N, _MAX_ERROR_SHARE * size_n):
         return size_n, f"the beat is irregular by {1e3 * timing_s:.0f} ms"
     if in_step:
-        number = round(pulse.hz / hz) - 1
-        own = waves[number, 0] - 1j * waves[number, 1]
-        touch = pulse.phasor - own
-        turn_deg = math.degrees(abs(float(np.angle(-np.sum(touch * np.conj(own))))))
+        number = round(pulse.hz / hz) - 1  # the harmonic that is strongest in the whole log
+        inertia = waves[number, 0] - 1j * waves[number, 1]
+        contact = pulse.phasor - inertia
+        turn_deg = math.degrees(abs(float(np.angle(-np.sum(contact * np.conj(inertia))))))
         if turn_deg > _MAX_TURN_DEG:
             return size_n, (
                 f"the contact's beat is {turn_deg:.0f} degrees off that of a moving mass: the tip touches in the "

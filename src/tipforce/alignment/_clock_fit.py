@@ -52,11 +52,12 @@ class Force:
     """
 
     def __init__(self, seconds: FloatArray, force_n: FloatArray, smooth_s: float = SMOOTH_S) -> None:
+        """Interpolates and smooths the readings, marks gaps, and determines the noise from neighbouring readings."""
         finite = np.isfinite(force_n).all(axis=1)
         step = max(float(np.median(np.diff(seconds))), 1e-4)
         self._grid: FloatArray = np.arange(seconds[0], seconds[-1] + step, step)
         even = np.stack([np.interp(self._grid, seconds[finite], column) for column in force_n[finite].T])
-        sigma = max(smooth_s / step, 1e-3)
+        sigma = max(smooth_s / step, 1e-3)  # in steps of the grid
         self._values = gaussian_filter1d(even, sigma, axis=1)
         known = seconds[finite]
         gaps = np.zeros(len(self._grid), np.bool_)
@@ -68,8 +69,8 @@ class Force:
         # Third differences of neighbouring readings hold no force, only noise, 20 times its variance; the low-pass
         # leaves 1 / (2 sqrt(pi) sigma) of it.
         rough = np.diff(even, 3, axis=1)
-        left = 1.0 / max(2.0 * math.sqrt(math.pi) * sigma, 1.0)
-        self.noise: FloatArray = left / 20.0 * (rough @ rough.T) / max(rough.shape[1], 1)
+        passed = 1.0 / max(2.0 * math.sqrt(math.pi) * sigma, 1.0)
+        self.noise: FloatArray = passed / 20.0 * (rough @ rough.T) / max(rough.shape[1], 1)
 
     @property
     def direction(self) -> FloatArray:
@@ -98,25 +99,17 @@ class Force:
         """
         inside = (seconds > self._ends[0] + margin_s) & (seconds < self._ends[1] - margin_s)
         counts = np.concatenate([[0], np.cumsum(self._gaps)])
-        ends = (
-            np.clip(np.searchsorted(self._grid, seconds + way), 0, len(self._grid)) for way in (-margin_s, margin_s)
-        )
-        first, last = ends
+        first, last = (np.searchsorted(self._grid, seconds + side) for side in (-margin_s, margin_s))
         return inside & (counts[last] == counts[first])
 
 
 def beat_hz(force: Force) -> float:
-    """Finds the heart rate in the force.
+    """Returns the heart rate in Hz: the highest peak of the force's spectrum within `_BEAT_HZ`.
 
-    Args:
-        force: the force log, in newtons.
-
-    Returns:
-        Frequency in Hz of the highest peak of the force's spectrum within `_BEAT_HZ`; 1 where the spectrum has
-        no frequency in that range.
+    It is 1 where the log is so short that the spectrum has no frequency in that range.
     """
     step_s, values = force.even
-    stride = max(1, round(0.02 / step_s))
+    stride = max(1, round(0.02 / step_s))  # every 20 ms is enough for a beat
     thin = values[:, ::stride] - values.mean(axis=1, keepdims=True)
     size = 8 * thin.shape[1]
     power = np.sum(np.abs(np.fft.rfft(thin * np.hanning(thin.shape[1]), size)) ** 2, axis=0)
@@ -125,6 +118,7 @@ def beat_hz(force: Force) -> float:
     if not inside.size:
         return 1.0
     top = inside[np.argmax(power[inside])]
+    # vertex of the parabola through the logarithms of three neighbours
     left, here, right = np.log(power[top - 1 : top + 2])
     return float(hertz[top] + 0.5 * (left - right) / (left - 2.0 * here + right) * hertz[1])
 
@@ -148,7 +142,7 @@ class Data:
     beat_hz: float = 0.0
 
     def touching(self, way: float = 1.0) -> "Data":
-        """Moves the levers' end by ``way`` dome radii against the mean force: at 1 to the point of contact."""
+        """Returns the data with the levers' end ``way`` dome radii against the mean force: at 1 the contact point."""
         x, y = way * self.force.direction
         moved = self.coordinates.copy()
         moved[:, 1] += y * moved[:, 3]
@@ -170,10 +164,10 @@ class Data:
         These are slow changes, and with the beat the moment of a carried mass.
         """
         span = max(float(np.ptp(self.time)), 1e-9)
-        place = ((self.time - self.time[0]) / span)[:, None]
-        waves = np.cos(np.pi * np.arange(1 + int(2.0 * _SLOW_HZ * span)) * place)
+        share = ((self.time - self.time[0]) / span)[:, None]  # of the length
+        waves = np.cos(np.pi * np.arange(1 + int(2.0 * _SLOW_HZ * span)) * share)
         # cosines are level at both ends, a drift is not
-        columns = [waves, place, place**2]
+        columns = [waves, share, share**2]
         if self.beat_hz:
             turns = 2.0 * math.pi * self.beat_hz * np.outer(self.time, np.arange(1, _HARMONICS + 1))
             beats = np.hstack([np.cos(turns), np.sin(turns)])
@@ -199,13 +193,13 @@ class Data:
         """
         x, y = self.force.at(self.time - shifts[:, None])
         across, along = self.coordinates[:, 1] / unit, self.coordinates[:, 2] / unit
-        lever = across * x + along * y
-        terms, slopes = np.empty((*lever.shape, degree + 1)), np.empty((*lever.shape, degree + 1, 2))
-        power: FloatArray = np.ones_like(lever)
-        for column in range(degree):
+        moment = across * x + along * y
+        terms, slopes = np.empty((*moment.shape, degree + 1)), np.empty((*moment.shape, degree + 1, 2))
+        power: FloatArray = np.ones_like(moment)
+        for column in range(degree):  # d(G^k) / dx = k G^(k - 1) dG / dx
             slope = (column + 1.0) * power
             slopes[..., column, 0], slopes[..., column, 1] = slope * across, slope * along
-            power = power * lever
+            power = power * moment
             terms[..., column] = power
         terms[..., degree] = along * x - across * y
         slopes[..., degree, 0], slopes[..., degree, 1] = along, -across
@@ -214,6 +208,9 @@ class Data:
 
 class Fit:
     """Sums of the regression, block by block, for every trial shift: the data of profile and bootstrap.
+
+    The bend y and the terms X of the elastic law, both without the bend that the force does not explain, give for each
+    block the products X'X (less the noise in it), X'y and y'y. A weighted sum of them over blocks is a regression.
 
     Args:
         data: frames and force.
@@ -227,38 +224,40 @@ class Fit:
     """
 
     def __init__(self, data: Data, shifts: FloatArray, penalty: float = STATED_ANGLE, degree: int = DEGREE) -> None:
+        """Sums the products of the regression over the frames of each block, for every trial shift."""
         self._data, self.shifts, self._degree = data, shifts, degree
         self._basis, self._unit = data.left_out(), data.unit()
-        self._c = self._quick(data.coordinates[:, 0])
+        self._y = self._quick(data.coordinates[:, 0])
         numbers, block = np.unique(data.blocks, return_inverse=True)
         self.count = len(numbers)
         x, slopes = data.terms(shifts, self._unit, degree)
         x = self._quick(x)
-        inside = [np.flatnonzero(block == number) for number in range(self.count)]
-        self._raw = np.array([np.swapaxes(x[:, rows], 1, 2) @ x[:, rows] for rows in inside])
-        self._noise = np.array([self._noise_of(slopes[:, rows], rows) for rows in inside])
-        self._xc = np.stack([np.swapaxes(x[:, rows], 1, 2) @ self._c[rows] for rows in inside])
-        self._cc = np.bincount(block, self._c**2)
+        rows_of = [np.flatnonzero(block == number) for number in range(self.count)]
+        self._noisy_xx = np.array([np.swapaxes(x[:, rows], 1, 2) @ x[:, rows] for rows in rows_of])
+        self._noise = np.array([self._noise_of(slopes[:, rows], rows) for rows in rows_of])
+        self._xy = np.stack([np.swapaxes(x[:, rows], 1, 2) @ self._y[rows] for rows in rows_of])
+        self._yy = np.bincount(block, self._y**2)
         middle, half = self.span
         times = np.bincount(block, data.time) / np.bincount(block)
-        self.place: FloatArray = (times - middle) / half
+        self.place: FloatArray = (times - middle) / half  # -1 at the first image, 1 at the last
         self._hold(penalty)
 
     def _hold(self, penalty: float) -> None:
+        """Sets the prior on the sensor's angle, and subtracts the noise, or as much of it as leaves a regression."""
         self.penalty = penalty
-        prior = np.zeros(self._xc.shape[2])
+        prior = np.zeros(self._xy.shape[2])
         prior[-1] = penalty
-        share = _share(self._raw.sum(axis=0) + np.diag(prior), self._noise.sum(axis=0))
+        share = _share(self._noisy_xx.sum(axis=0) + np.diag(prior), self._noise.sum(axis=0))
         self.corrected = min(1.0, _MAX_NOISE_SHARE / share)
-        self._xx = self._raw - self.corrected * self._noise
-        self._sums: FloatArray = np.concatenate([self._xx, self._xc[..., None]], axis=3)
+        self._xx = self._noisy_xx - self.corrected * self._noise
+        self._sums: FloatArray = np.concatenate([self._xx, self._xy[..., None]], axis=3)
         self._steps: FloatArray = np.diff(self._sums, axis=1)
 
     def with_penalty(self, penalty: float) -> "Fit":
         """Returns the same fit with another prior on the sensor's angle."""
-        other = copy.copy(self)
-        other._hold(penalty)
-        return other
+        fit = copy.copy(self)
+        fit._hold(penalty)
+        return fit
 
     @property
     def span(self) -> tuple[float, float]:
@@ -280,10 +279,10 @@ class Fit:
         Returns:
             (shifts, terms, terms) its part of the normal equations.
         """
-        kept = 1.0 - np.sum(self._basis[rows] ** 2, axis=1)
+        remaining = 1.0 - np.sum(self._basis[rows] ** 2, axis=1)  # share of the noise that `_quick` does not remove
         by_term = np.swapaxes(slopes, 1, 2)
         shape = (*by_term.shape[:2], -1)
-        noisy: FloatArray = (by_term @ self._data.force.noise) * kept[:, None]
+        noisy: FloatArray = (by_term @ self._data.force.noise) * remaining[:, None]
         return noisy.reshape(shape) @ np.swapaxes(by_term.reshape(shape), 1, 2)
 
     def profile(self, weights: FloatArray, tilted: list[Tilted]) -> FloatArray:
@@ -298,44 +297,42 @@ class Fit:
         """
         shift = np.array(tilted)[:, :1] + np.array(tilted)[:, 1:] * self.place
         step = self.shifts[1] - self.shifts[0]
-        at = np.clip((shift - self.shifts[0]) / step, 0.0, len(self.shifts) - 1.000001)
-        low = at.astype(np.int64)
-        part = at - low
-        block, terms, count = np.arange(self.count), self._xc.shape[2], len(tilted)
-        sums = self._sums[block, low] + part[..., None, None] * self._steps[block, low]
+        # each block has a shift of its own (m, blocks): its sums are interpolated between two trial shifts
+        position = np.clip((shift - self.shifts[0]) / step, 0.0, len(self.shifts) - 1.000001)
+        low = position.astype(np.int64)
+        fraction = position - low
+        block, terms, count = np.arange(self.count), self._xy.shape[2], len(tilted)
+        sums = self._sums[block, low] + fraction[..., None, None] * self._steps[block, low]
         weighted = weights @ np.swapaxes(sums, 0, 1).reshape(self.count, -1)
-        of_all = weighted.reshape(-1, terms, terms + 1)
-        all_xc: FloatArray = of_all[..., -1]
-        taken = np.sum(all_xc * self._solved(of_all[..., :-1], all_xc), axis=1).reshape(len(weights), count)
-        return -np.log(np.maximum((weights @ self._cc)[:, None] - taken, 1e-30))
+        totals = weighted.reshape(-1, terms, terms + 1)
+        xy: FloatArray = totals[..., -1]
+        explained = np.sum(xy * self._solved(totals[..., :-1], xy), axis=1).reshape(len(weights), count)
+        return -np.log(np.maximum((weights @ self._yy)[:, None] - explained, 1e-30))
 
-    def _solved(self, xx: FloatArray, xc: FloatArray) -> FloatArray:
-        """Returns (shifts, terms): the coefficients of the best fit."""
-        places = np.arange(xx.shape[1])
-        xx[:, places, places] *= 1.0 + 1e-9
-        xx[:, places, places] += 1e-9
+    def _solved(self, xx: FloatArray, xy: FloatArray) -> FloatArray:
+        """Returns the coefficients (m, terms) of m regressions with the products X'X and X'y; changes ``xx``."""
+        diagonal = np.arange(xx.shape[1])
+        xx[:, diagonal, diagonal] *= 1.0 + 1e-9  # solvable without a force, too
+        xx[:, diagonal, diagonal] += 1e-9
         xx[:, -1, -1] += self.penalty
-        solved: FloatArray = np.linalg.solve(xx, xc[..., None])[..., 0].astype(np.float64)
+        solved: FloatArray = np.linalg.solve(xx, xy[..., None])[..., 0].astype(np.float64)
         return solved
 
     def best(self, max_tilt_s: float) -> Tilted:
-        """Finds the most likely shift and tilt of the clock: on a grid, then on six finer grids about its best point.
+        """Returns the most likely shift and tilt of the clock in s.
 
-        Args:
-            max_tilt_s: largest tilt in seconds that is tried; 0: the tilt is 0.
-
-        Returns:
-            Shift and tilt in seconds, see `Tilted`.
+        It searches on a grid, then on six finer grids about the best point. ``max_tilt_s`` is the largest tilt that is
+        tried; at 0 the tilt is 0.
         """
         ones = np.ones((1, self.count))  # all blocks have the same weight
         tilts = np.linspace(-max_tilt_s, max_tilt_s, _STEPS) if max_tilt_s else np.zeros(1)
         grid = [(float(shift), float(tilt)) for tilt in tilts for shift in self.shifts]
-        at, step = grid[int(np.argmax(self.profile(ones, grid)[0]))], float(self.shifts[1] - self.shifts[0])
+        best, step = grid[int(np.argmax(self.profile(ones, grid)[0]))], float(self.shifts[1] - self.shifts[0])
         tilt_step = float(tilts[1] - tilts[0]) if max_tilt_s else 0.0
         for _ in range(6):
-            at = self.peaks(ones, at, step, tilt_step)[0]
+            best = self.peaks(ones, best, step, tilt_step)[0]
             step, tilt_step = max(0.5 * step, 1e-3), max(0.5 * tilt_step, 1e-3) if max_tilt_s else 0.0
-        return float(at[0]), float(at[1])
+        return float(best[0]), float(best[1])
 
     def peaks(self, weights: FloatArray, about: Tilted, step: float, tilt_step: float) -> FloatArray:
         """Returns shift and tilt of each profile's maximum, by a paraboloid through a grid of five by five points.
@@ -351,49 +348,51 @@ class Fit:
         """
         ticks = np.arange(-2.0, 3.0)
         x, y = (part.ravel() for part in np.meshgrid(ticks, ticks if tilt_step else np.zeros(1)))
-        tilted = [(about[0] + a * step, about[1] + b * tilt_step) for a, b in zip(x, y, strict=True)]
-        heights = self.profile(weights, tilted)
+        points = [(about[0] + right * step, about[1] + up * tilt_step) for right, up in zip(x, y, strict=True)]
+        heights = self.profile(weights, points)
+        # paraboloid: c0 + c1 x + c2 x^2 + c3 y + c4 y^2 + c5 x y
         columns = np.stack([np.ones_like(x), x, x * x, *((y, y * y, x * y) if tilt_step else ())], axis=1)
         solved = np.linalg.solve(columns.T @ columns, columns.T @ heights.T)
-        found = np.zeros((len(weights), 2))
-        best = np.argmax(heights, axis=1)
+        moves = np.zeros((len(weights), 2))
+        highest = np.argmax(heights, axis=1)
         for row, c in enumerate(solved.T):
             hessian = np.array([[2 * c[2], c[5]], [c[5], 2 * c[4]]]) if tilt_step else np.array([[2 * c[2]]])
             slope = np.array([c[1], c[3]]) if tilt_step else c[1:2]
             if np.linalg.eigvalsh(hessian).max() < 0.0:
-                move = np.clip(-np.linalg.solve(hessian, slope), -2.5, 2.5)
+                move = np.clip(-np.linalg.solve(hessian, slope), -2.5, 2.5)  # not far beyond the grid
             else:  # no maximum nearby: towards the highest point
-                move = np.array([x[best[row]], y[best[row]]])[: len(slope)]
-            found[row, : len(move)] = move
-        return found * [step, tilt_step or 1.0] + about
+                move = np.array([x[highest[row]], y[highest[row]]])[: len(slope)]
+            moves[row, : len(move)] = move
+        return moves * [step, tilt_step or 1.0] + about
 
     def _solve(self, at: Tilted) -> tuple[FloatArray, FloatArray]:
+        """Returns the terms (n, terms) at one shift and tilt, and the coefficients (terms,) of the best fit there."""
         middle, half = self.span
-        straight = replace(self._data, time=self._data.time - at[0] - at[1] * (self._data.time - middle) / half)
-        x, slopes = straight.terms(np.zeros(1), self._unit, self._degree)
-        noise = self._noise_of(slopes, np.arange(len(self._c)))[0]
-        quick = self._quick(x[0])
-        return quick, self._solved((quick.T @ quick - self.corrected * noise)[None], (quick.T @ self._c)[None])[0]
+        shifted = replace(self._data, time=self._data.time - at[0] - at[1] * (self._data.time - middle) / half)
+        terms, slopes = shifted.terms(np.zeros(1), self._unit, self._degree)
+        noise = self._noise_of(slopes, np.arange(len(self._y)))[0]
+        x = self._quick(terms[0])
+        return x, self._solved((x.T @ x - self.corrected * noise)[None], (x.T @ self._y)[None])[0]
 
     def residuals(self, at: Tilted) -> FloatArray:
         """Returns the bend (n,) that is left unexplained, in rad."""
         x, solved = self._solve(at)
-        return self._c - x @ solved
+        return self._y - x @ solved
 
     @property
     def bend(self) -> FloatArray:
         """Bend (n,) in rad without the part that the force does not explain."""
-        return self._c
+        return self._y
 
     def explained(self, at: Tilted) -> float:
         """Returns the share of the bend's variance that the force explains."""
-        return float(1.0 - self.residuals(at).var() / max(float(self._c.var()), 1e-30))
+        return float(1.0 - self.residuals(at).var() / max(float(self._y.var()), 1e-30))
 
     def slope(self, at: Tilted) -> float:
         """Returns sign and size of dB/dG, by the straight line through the fitted bend: positive for a real shaft."""
         x, solved = self._solve(at)
-        lever, fitted = x[:, 0], x[:, : self._degree] @ solved[: self._degree]
-        return float(lever @ fitted / max(float(lever @ lever), 1e-30))
+        moment, fitted = x[:, 0], x[:, : self._degree] @ solved[: self._degree]
+        return float(moment @ fitted / max(float(moment @ moment), 1e-30))
 
     def angle(self, at: Tilted) -> float:
         """Returns the angle by which the sensor seems turned, in rad."""
@@ -416,28 +415,29 @@ class Fit:
         """
         _, solved = self._solve(at)
         fitted = np.einsum("i,bsij,j->bs", solved, self._xx, solved)
-        losses = self._cc[:, None] - 2.0 * self._xc @ solved + fitted
+        losses = self._yy[:, None] - 2.0 * self._xy @ solved + fitted  # (blocks, shifts) squared residuals
         frames = np.bincount(np.unique(self._data.blocks, return_inverse=True)[1])
-        base = max(float(np.mean(self.residuals(at) ** 2)), 1e-30)
+        usual_loss = max(float(np.mean(self.residuals(at) ** 2)), 1e-30)
         step = self.shifts[1] - self.shifts[0]
-        found: list[tuple[float, float, float]] = []
+        local: list[tuple[float, float, float]] = []
         for number in range(int(groups.max()) + 1):
             inside = groups == number
             loss, count = losses[inside].sum(axis=0), int(frames[inside].sum())
-            top = int(np.clip(np.argmin(loss), 1, len(loss) - 2))
-            left, here, right = loss[top - 1 : top + 2]
-            bend = max(float(left - 2 * here + right), 1e-30)
-            shift = self.shifts[top] + step * float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0))
+            # minimum of the parabola through the least loss and its neighbours
+            least = int(np.clip(np.argmin(loss), 1, len(loss) - 2))
+            left, here, right = loss[least - 1 : least + 2]
+            curvature = max(float(left - 2 * here + right), 1e-30)
+            shift = self.shifts[least] + step * float(np.clip(0.5 * (left - right) / curvature, -1.0, 1.0))
             expected = at[0] + at[1] * float(self.place[inside].mean())
-            stderr = step * math.sqrt(2.0 * max(float(here) / count, base) / bend)
-            energy = float(fitted[inside, len(self.shifts) // 2].sum()) / (count * base)
-            found.append((shift - expected, stderr, energy))
-        return np.array(found)
+            stderr = step * math.sqrt(2.0 * max(float(here) / count, usual_loss) / curvature)
+            energy = float(fitted[inside, len(self.shifts) // 2].sum()) / (count * usual_loss)
+            local.append((shift - expected, stderr, energy))
+        return np.array(local)
 
 
 def _share(square: FloatArray, noise: FloatArray) -> float:
     """Returns the largest share that ``noise`` has in any direction of ``square``, both (shifts, terms, terms)."""
-    places = np.arange(square.shape[1])
+    diagonal = np.arange(square.shape[1])
     square = square.copy()
-    square[:, places, places] = square[:, places, places] * (1.0 + 1e-9) + 1e-12
+    square[:, diagonal, diagonal] = square[:, diagonal, diagonal] * (1.0 + 1e-9) + 1e-12
     return max(float(np.linalg.eigvals(np.linalg.solve(square, noise)).real.max()), 1e-12)

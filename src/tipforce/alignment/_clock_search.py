@@ -79,46 +79,48 @@ def search_clock(
         Up to 2 ``count`` candidates.
     """
     plausible = np.isfinite(force_n).all(axis=1)
-    start = float(force_s[0])
-    grid = np.arange(0.0, force_s[-1] - start + _STEP_S, _STEP_S)
-    force, covered = _resampled(force_s[plausible] - start, force_n[plausible], grid)
-    force = _quick(force, covered)
+    log_start = float(force_s[0])
+    grid = np.arange(0.0, force_s[-1] - log_start + _STEP_S, _STEP_S)
+    force, covered = _resampled(force_s[plausible] - log_start, force_n[plausible], grid)
+    force = _without_slow(force, covered)
     span = float(time_s[-1] - time_s[0])
     spectra: dict[int, list[Spectrum]] = {}
-    found: tuple[list[Coarse], list[Coarse]] = ([], [])
+    candidates: tuple[list[Coarse], list[Coarse]] = ([], [])  # by the free regression, by the usual levers
     rates = _rates(span, float(grid[-1])) if rate is None else [rate]
-    near = [trial for trial in rates if 1.0 / _NEAR_RATE <= trial <= _NEAR_RATE] if rate is None else rates
-    for trial in [*near, *(trial for trial in rates if trial not in near)]:
-        if trial not in near and max(each.score for kind in found for each in kind) > SUFFICIENT_SCORE:
+    near_one = [trial for trial in rates if 1.0 / _NEAR_RATE <= trial <= _NEAR_RATE] if rate is None else rates
+    for trial in [*near_one, *(trial for trial in rates if trial not in near_one)]:
+        if trial not in near_one and max(each.score for kind in candidates for each in kind) > SUFFICIENT_SCORE:
             break  # a fit as good as this has the right rate
         seconds = (time_s - time_s[0]) / trial
-        own = np.arange(0.0, seconds[-1] + _STEP_S, _STEP_S)
-        values, seen = _resampled(seconds, bend[:, None], own)
-        values = _quick(values, seen)[:, 0]
-        size = 1 << (len(grid) + len(own) - 1).bit_length()
+        bend_grid = np.arange(0.0, seconds[-1] + _STEP_S, _STEP_S)
+        values, detected = _resampled(seconds, bend[:, None], bend_grid)
+        values = _without_slow(values, detected)[:, 0]
+        size = 1 << (len(grid) + len(bend_grid) - 1).bit_length()  # a power of two that holds all lags
         if size not in spectra:
             spectra[size] = _spectra(force, size)
         lags = np.arange(size)
-        lags = np.where(lags >= len(grid), lags - size, lags) * _STEP_S
-        for kind, scores in zip(found, _scores(spectra[size], values, seen, levers, size), strict=True):
+        lags = np.where(lags >= len(grid), lags - size, lags) * _STEP_S  # the circular ones at the end are negative
+        for kind, scores in zip(candidates, _scores(spectra[size], values, detected, levers, size), strict=True):
             high = scores > _NEAR_BEST * scores.max()
             tops = np.flatnonzero(high & (scores >= np.roll(scores, 1)) & (scores >= np.roll(scores, -1)))
             # the first sample of the bend is at lag on the force's grid
-            kind.extend(
-                Coarse(trial, float(time_s[0] / trial - lags[top] - start), float(scores[top])) for top in tops.tolist()
-            )
+            lag_s = time_s[0] / trial - lags[tops] - log_start
+            kind.extend(Coarse(trial, *pair) for pair in zip(lag_s.tolist(), scores[tops].tolist(), strict=True))
     ends = (float(time_s[0]), float(time_s[-1]))
-    return [each for kind in found for each in _distinct(kind, *ends, count)]
+    return [each for kind in candidates for each in _distinct(kind, *ends, count)]
 
 
 def _rates(span_s: float, log_s: float) -> list[float]:
-    """Rates about 1, so dense that the best of them fits everywhere to half of `_MISMATCH_S`."""
+    """Returns rates about 1 for images of ``span_s`` and a log of ``log_s``.
+
+    They are so dense that the best of them fits everywhere to half of `_MISMATCH_S`.
+    """
     rates = [1.0]
-    for way in (1.0, -1.0):
+    for direction in (1.0, -1.0):
         rate = 1.0
         while True:
             overlap = max(min(span_s / rate, log_s), _MIN_OVERLAP_S)
-            rate *= math.exp(way * 2.0 * _MISMATCH_S / overlap)
+            rate *= math.exp(direction * 2.0 * _MISMATCH_S / overlap)
             if not 1.0 / _MAX_RATE <= rate <= _MAX_RATE or span_s / rate < _MIN_OVERLAP_S:
                 break
             rates.append(rate)
@@ -126,29 +128,34 @@ def _rates(span_s: float, log_s: float) -> list[float]:
 
 
 def _resampled(at_s: FloatArray, values: FloatArray, grid: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Means of ``values`` (n, k) about each instant of ``grid``; and 1.0 where there is any nearby, else 0.0."""
+    """Averages ``values`` (n, k) at the increasing times ``at_s`` (n,) about each instant of ``grid`` (m,).
+
+    Returns (m, k) means, interpolated where there is no value; and (m,) 1.0 where there is one within two steps of the
+    grid, else 0.0.
+    """
     edges = np.append(grid - 0.5 * _STEP_S, grid[-1] + 0.5 * _STEP_S)
-    place = np.clip(np.searchsorted(edges, at_s, side="right") - 1, 0, len(grid) - 1)
-    counts = np.bincount(place, minlength=len(grid))
-    sums = np.stack([np.bincount(place, column, minlength=len(grid)) for column in values.T], axis=1)
+    bin_of = np.clip(np.searchsorted(edges, at_s, side="right") - 1, 0, len(grid) - 1)
+    counts = np.bincount(bin_of, minlength=len(grid))
+    sums = np.stack([np.bincount(bin_of, column, minlength=len(grid)) for column in values.T], axis=1)
     filled = np.flatnonzero(counts)
     means = sums[filled] / counts[filled, None]
     even = np.stack([np.interp(grid, grid[filled], column) for column in means.T], axis=1)
-    nearest = np.abs(grid - at_s[np.clip(np.searchsorted(at_s, grid), 0, len(at_s) - 1)])
-    before = np.abs(grid - at_s[np.clip(np.searchsorted(at_s, grid) - 1, 0, len(at_s) - 1)])
-    return even, (np.minimum(nearest, before) <= 2.0 * _STEP_S).astype(np.float64)
+    after = np.searchsorted(at_s, grid)
+    to_next, to_last = (np.abs(grid - at_s[np.clip(index, 0, len(at_s) - 1)]) for index in (after, after - 1))
+    return even, (np.minimum(to_next, to_last) <= 2.0 * _STEP_S).astype(np.float64)
 
 
-def _quick(values: FloatArray, seen: FloatArray) -> FloatArray:
-    """Returns ``values`` (n, k) without slow changes; 0 where nothing was detected."""
+def _without_slow(values: FloatArray, detected: FloatArray) -> FloatArray:
+    """Returns ``values`` (n, k) without slow changes; 0 where nothing was ``detected`` (n,), 1.0 or 0.0."""
 
     def mean(column: FloatArray) -> FloatArray:
         size = round(_SLOW_S / _STEP_S)
         once: FloatArray = uniform_filter1d(column, size, axis=0, mode="constant")
         return uniform_filter1d(once, size, axis=0, mode="constant")
 
-    slow = mean(values * seen[:, None]) / np.maximum(mean(seen), 1e-9)[:, None]
-    return (values - slow) * seen[:, None]
+    # the mean over the detected values only
+    slow = mean(values * detected[:, None]) / np.maximum(mean(detected), 1e-9)[:, None]
+    return (values - slow) * detected[:, None]
 
 
 def _spectra(force: FloatArray, size: int) -> list[Spectrum]:
@@ -158,15 +165,17 @@ def _spectra(force: FloatArray, size: int) -> list[Spectrum]:
 
 
 def _scores(
-    spectra: list[Spectrum], bend: FloatArray, seen: FloatArray, levers: FloatArray, size: int
+    spectra: list[Spectrum], bend: FloatArray, detected: FloatArray, levers: FloatArray, size: int
 ) -> tuple[FloatArray, FloatArray]:
     """Returns two shares (size,) of the bend's energy that the force explains, for every circular lag.
 
-    First by both of its components as they fit best, then by the moment with the usual ``levers``.
+    First by both of its components as they fit best, then by the moment with the usual ``levers``. The sums of a
+    regression (bend times x, x times x, ...) over the detected images are correlations, for all lags by one FFT.
+    ``bend`` (n,) is on the grid, without slow changes; ``detected`` (n,) is 1.0 where there is one, else 0.0.
     """
-    b, m = np.conj(np.fft.rfft(bend, size)), np.conj(np.fft.rfft(seen, size))
-    bx, by = (np.fft.irfft(s * b, size) for s in spectra[:2])
-    xx, xy, yy = (np.fft.irfft(s * m, size) for s in spectra[2:])
+    bend_spectrum, mask_spectrum = np.conj(np.fft.rfft(bend, size)), np.conj(np.fft.rfft(detected, size))
+    bx, by = (np.fft.irfft(spectrum * bend_spectrum, size) for spectrum in spectra[:2])
+    xx, xy, yy = (np.fft.irfft(spectrum * mask_spectrum, size) for spectrum in spectra[2:])
     floor = 1e-3 * float(max(xx.max(), yy.max(), 1e-30))
     xx, yy = np.maximum(xx, 0.0) + floor, np.maximum(yy, 0.0) + floor
     determinant = np.maximum(xx * yy - xy**2, 1e-6 * xx * yy)
@@ -179,16 +188,15 @@ def _scores(
 
 
 def _distinct(found: list[Coarse], first_s: float, last_s: float, count: int) -> list[Coarse]:
-    """Returns the best candidates that differ at either end of the images."""
+    """Returns the best ``count`` candidates that differ at the first or the last image, whose times are given."""
     chosen: list[Coarse] = []
-    for each in sorted(found, key=lambda candidate: -candidate.score):
-        ends = [(t / each.rate - each.lag_s) for t in (first_s, last_s)]
-        if all(
-            max(abs(end - (t / other.rate - other.lag_s)) for end, t in zip(ends, (first_s, last_s), strict=True))
-            > _APART_S
-            for other in chosen
-        ):
-            chosen.append(each)
+
+    def force_s(candidate: Coarse) -> FloatArray:
+        return np.array([first_s, last_s]) / candidate.rate - candidate.lag_s
+
+    for candidate in sorted(found, key=lambda candidate: -candidate.score):
+        if all(np.abs(force_s(candidate) - force_s(better)).max() > _APART_S for better in chosen):
+            chosen.append(candidate)
         if len(chosen) == count:
             break
     return chosen

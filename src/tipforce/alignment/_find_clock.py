@@ -105,25 +105,25 @@ def find_clock(
     if stated is not None and not detected.shapes:
         return stated, facts.inertia
     if detected.blind:
-        found, inertia = ClockMap(how="refused", detail=detected.blind), facts.inertia
+        clock, inertia = ClockMap(how="refused", detail=detected.blind), facts.inertia
     else:
-        found, inertia = _estimated(detected, info, stamps, force, facts, None if stated else choice.rate)
+        clock, inertia = _estimated(detected, info, stamps, force, facts, None if stated else choice.rate)
     if stated is not None:
-        if found.how == "estimated" and _conflicting(found, stated, stamps):
-            remarks.append(_stated_remark(found, stated, stamps))
+        if clock.how == "estimated" and _conflicting(clock, stated, stamps):
+            remarks.append(_stated_remark(clock, stated, stamps))
         return stated, facts.inertia
     rate = choice.rate or 1.0
     nominal_rate = nominal_rate and choice.rate is None
-    found = _from_stage(found, inertia, rate, stamps, remarks, stage_shares=stage_shares, nominal_rate=nominal_rate)
-    if found.how == "estimated" and found.detail:
-        remarks.append(found.detail)
-    if found.how == "estimated" and choice.rate is None and found.rate != 1.0:
-        remarks.append(_rate_remark(found, detected.frame_ns))
-    if found.how == "estimated" and inertia.axes and inertia.rate == rate:
+    clock = _from_stage(clock, inertia, rate, stamps, remarks, stage_shares=stage_shares, nominal_rate=nominal_rate)
+    if clock.how == "estimated" and clock.detail:
+        remarks.append(clock.detail)
+    if clock.how == "estimated" and choice.rate is None and clock.rate != 1.0:
+        remarks.append(_rate_remark(clock, detected.frame_ns))
+    if clock.how == "estimated" and inertia.axes and inertia.rate == rate:
         stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
-        if _conflicting(found, stage, stamps):
-            remarks.append(_stage_remark(found, stage, stamps))
-    return found, inertia
+        if _conflicting(clock, stage, stamps):
+            remarks.append(_stage_remark(clock, stage, stamps))
+    return clock, inertia
 
 
 def _stated_remark(found: ClockMap, stated: ClockMap, stamps: IntArray) -> str:
@@ -165,7 +165,11 @@ def _estimated(
     facts: ForceCorrections,
     rate: float | None,
 ) -> tuple[ClockMap, Inertia]:
-    """Finds the map by the deflection; where the clocks differ in rate, the stage may run on either of them."""
+    """Finds the map by the deflection, and the inertia that goes with it; see `find_clock` for the arguments.
+
+    Where the clocks of camera and log differ, the stage may run on either of them. Then the inertia is fitted for both
+    cases, and with the better one the map is found again.
+    """
     flexible, rigid = info.catheter.flexible_length_m, info.catheter.rigid_length_m
     share = flexible / (flexible + rigid) if flexible and rigid else 1.0
     scale = info.view(detected.view).metres_per_px
@@ -181,7 +185,8 @@ def _estimated(
             detail=f"the force log has no {names}, and the deflection depends on both components in the image's plane",
         ), facts.inertia
 
-    def by(inertia: Inertia) -> ClockMap:
+    def clock_with(inertia: Inertia) -> ClockMap:
+        """Returns the map by the deflection, with this inertia subtracted from the force."""
         tared = force - facts.tare.force_n - replace(facts, inertia=inertia).carried(stamps)
         tared[:, missing] = 0.0
         stage = bool(inertia.axes)
@@ -196,27 +201,27 @@ def _estimated(
             shared_ns=inertia.lag_ns if stage and inertia.rate == (rate or 1.0) == 1.0 else None,
         )
 
-    found = by(facts.inertia)
-    moved = found.rate != 1.0 or abs(found.offset_ms) > _FAR_MS
-    if not facts.stage.names or not facts.tare.stretches_s or not moved:
-        return found, facts.inertia
+    clock = clock_with(facts.inertia)
+    clocks_differ = clock.rate != 1.0 or abs(clock.offset_ms) > _FAR_MS
+    if not facts.stage.names or not facts.tare.stretches_s or not clocks_differ:
+        return clock, facts.inertia
     # the stage may run on the camera's clock, which is now known to be another one than the log's
     stretch = facts.tare.stretches_s[0]
     middle = np.array([int(stamps[0]) + round(0.5e9 * sum(stretch))])
-    lag_ns = int((found.camera_ns(middle) - middle)[0])
+    lag_ns = int((clock.camera_ns(middle) - middle)[0])
     possible = [facts.inertia] if facts.inertia.how == "estimated" else []
-    for stage_rate in dict.fromkeys((found.rate, 1.0)):
-        tare, other = fit_inertia(stamps, force, facts.stage, stretch, rate=stage_rate, lag_ns=lag_ns)
-        _, other = add_beat(stamps, force, facts.stage, tare, other)
-        possible += [other] if other.how == "estimated" else []
+    for stage_rate in dict.fromkeys((clock.rate, 1.0)):
+        tare, inertia = fit_inertia(stamps, force, facts.stage, stretch, rate=stage_rate, lag_ns=lag_ns)
+        _, inertia = add_beat(stamps, force, facts.stage, tare, inertia)
+        possible += [inertia] if inertia.how == "estimated" else []
     if not possible:
-        return found, facts.inertia
+        return clock, facts.inertia
     # at a wrong lag the stage's log leaves a part that seems to repeat with the beat
     by_stage = [each for each in possible if each.axes and not each.beat_hz]
     inertia = best_inertia(stamps, force, facts.stage, by_stage or possible)
     if inertia is facts.inertia:
-        return found, inertia
-    return by(inertia), inertia
+        return clock, inertia
+    return clock_with(inertia), inertia
 
 
 def _from_stage(
@@ -231,22 +236,29 @@ def _from_stage(
 ) -> ClockMap:
     """Finds the map by the stage's movement in the force, where the deflection alone is not enough.
 
-    The stage must be known to run on the camera's clock, or a less certain deflection must show it; and its movement
-    must show in the force at ``rate``, the stated rate of the camera's clock against the log's, or 1. A deflection that
-    differs from it shows that the images' stamps are not of the stage's clock, whoever states so; so does one that the
-    force explains, but by no line. Where the force explains too little of it, the ``nominal_rate`` of the images is not
-    confirmed.
+    Three conditions must hold. The stage runs on the camera's clock: this is known, or a less certain deflection shows
+    it. The force shows its movement at the stated rate. The deflection gives no other map: one that differs, or one
+    that the force explains, but by no line, shows that the images' stamps are not of the stage's clock.
+
+    Args:
+        found: the map by the deflection; it is returned unless it was refused.
+        inertia: inertia with the lag of the stage's clock.
+        rate: stated rate of the camera's clock against the log's, else 1.
+        stamps: (m,) stamps of the force log.
+        remarks: receives a sentence on the source of the map.
+        stage_shares: see `find_clock`.
+        nominal_rate: see `find_clock`; a deflection of which the force explains too little does not confirm the rate.
     """
     if found.how != "refused":
         return found
     close = abs(found.offset_ms - 1e-6 * inertia.lag_ns) < 2.0 * (found.stderr_ms + _STAGE_STDERR_MS)
-    seen = MAX_STDERR_MS < found.stderr_ms < _MAX_TIED_MS and found.rate == 1.0 and close
-    if not inertia.axes or inertia.rate != rate or not (seen or stage_shares):
+    confirmed = MAX_STDERR_MS < found.stderr_ms < _MAX_TIED_MS and found.rate == 1.0 and close
+    if not inertia.axes or inertia.rate != rate or not (confirmed or stage_shares):
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
     stage = ClockMap(inertia.lag_ns, "stage", _STAGE_STDERR_MS, rate=rate, reference_ns=inertia.reference_ns)
-    if not seen and _apart_ms(found, stage, stamps) > _UNCERTAIN_Z * (found.stderr_ms + _STAGE_STDERR_MS):
-        both = f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, a conflict"
-        return ClockMap(how="refused", explained=found.explained, detail=both)
+    if not confirmed and _apart_ms(found, stage, stamps) > _UNCERTAIN_Z * (found.stderr_ms + _STAGE_STDERR_MS):
+        detail = f"{found.detail}; the stage's movement in the force gives {_text(stage, stamps)}, a conflict"
+        return ClockMap(how="refused", explained=found.explained, detail=detail)
     if math.isnan(found.stderr_ms) and found.explained >= MIN_EXPLAINED:
         return ClockMap(how="refused", explained=found.explained, detail=found.detail)
     if math.isnan(found.stderr_ms) and nominal_rate:
@@ -257,7 +269,7 @@ def _from_stage(
         return ClockMap(how="refused", explained=found.explained, detail=detail)
     why = (
         f"the deflection, {found.offset_ms:+.1f} +- {found.stderr_ms:.1f} ms, agrees with it but is less certain"
-        if seen
+        if confirmed
         else f"the deflection does not show it: {found.detail}"
     )
     remarks.append(

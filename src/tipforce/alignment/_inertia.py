@@ -21,8 +21,11 @@ from ..vision import DetectedShape
 
 _GRID_S = 0.01
 _WINDOW, _DEGREE = 9, 4
+"""Points and degree of the polynomial whose second derivative is the acceleration."""
 _BIN_S = 4e-3
+"""Readings are averaged over this time; it is also the step of the lags that are tried."""
 _EDGE_S = 0.05
+"""At the start of the stage's log its acceleration is not known well for this time."""
 _MIN_GAIN = 60.0
 """Smallest decrease of the sum of squares by the fit, in variances of a binned reading; with less, the stage's movement
 is not detected: some ten for each fitted number, because many lags are tried. A mass with 1.7 mN in noise of 3 mN
@@ -49,6 +52,7 @@ class StageMotion:
     """
 
     def __init__(self, stamp_ns: IntArray, positions: Mapping[str, FloatArray]) -> None:
+        """Differentiates the positions twice on an even grid; see the class."""
         self.names = tuple(positions)
         self.start_ns = int(stamp_ns[0]) if len(stamp_ns) else 0
         seconds = (stamp_ns - self.start_ns) * 1e-9
@@ -58,9 +62,9 @@ class StageMotion:
         if count >= _WINDOW:
             from scipy.signal import savgol_filter  # a slow import, and most sessions have no stage
 
-            for place, (name, values) in enumerate(positions.items()):
-                smooth = np.interp(self._grid, seconds, values) * (1e-3 if name.endswith("_mm") else 1.0)
-                self._values[place] = savgol_filter(smooth, _WINDOW, _DEGREE, deriv=2, delta=_GRID_S)
+            for axis, (name, values) in enumerate(positions.items()):
+                metres = np.interp(self._grid, seconds, values) * (1e-3 if name.endswith("_mm") else 1.0)
+                self._values[axis] = savgol_filter(metres, _WINDOW, _DEGREE, deriv=2, delta=_GRID_S)
 
     @classmethod
     def of(cls, readings: Sequence[tuple[int, Mapping[str, float]]]) -> "StageMotion":
@@ -151,43 +155,46 @@ def fit_inertia(
             f"tare=({stretch_s[0]:g}, {stretch_s[1]:g}): has {span:.2f} s of readings, and the stage's inertia "
             f"needs one second; the force log runs from 0 to {seconds[-1]:.1f} s"
         )
+    # means of the readings (bins, k), at stage times (bins,) by the nominal lag
     number = np.floor((seconds[inside] - seconds[inside][0]) / _BIN_S).astype(np.int64)
-    _, place, filled = np.unique(number, return_inverse=True, return_counts=True)
-    known = np.stack([np.bincount(place, column) / filled for column in force_n[inside][:, axes].T], axis=1)
-    middle = np.bincount(place, (stamps_ns[inside] - stamps_ns[0]).astype(np.float64)) / filled
+    _, bin_of, counts = np.unique(number, return_inverse=True, return_counts=True)
+    means = np.stack([np.bincount(bin_of, column) / counts for column in force_n[inside][:, axes].T], axis=1)
+    bin_ns = np.bincount(bin_of, (stamps_ns[inside] - stamps_ns[0]).astype(np.float64)) / counts
     middle_ns = int(stamps_ns[0]) + round(0.5e9 * sum(stretch_s))
     nominal = Inertia(lag_ns=lag_ns, rate=rate, reference_ns=middle_ns)
-    at = nominal.stage_ns(stamps_ns[0] + np.round(middle).astype(np.int64))
-    stated = at >= stage.start_ns + round((window_s + _EDGE_S) * 1e9)  # at every lag that is tried the stage has spoken
-    if stated.sum() * _BIN_S >= 0.5 * span:
-        at, known = at[stated], known[stated]
+    stage_ns = nominal.stage_ns(stamps_ns[0] + np.round(bin_ns).astype(np.int64))
+    logged = stage_ns >= stage.start_ns + round((window_s + _EDGE_S) * 1e9)  # by the stage, at every lag that is tried
+    if logged.sum() * _BIN_S >= 0.5 * span:
+        stage_ns, means = stage_ns[logged], means[logged]
 
     def fit(lag_s: float) -> tuple[FloatArray, float]:
-        columns = np.column_stack([np.ones(len(at)), stage.acceleration(at + round(lag_s * 1e9), stage.names)])
-        solved: FloatArray = np.linalg.lstsq(columns, known, rcond=1e-6)[0].astype(np.float64)
-        return solved, float(np.sum((known - columns @ solved) ** 2))
+        """Returns level and gains (1 + axes, k), and the sum of the squared residuals."""
+        accelerations = stage.acceleration(stage_ns + round(lag_s * 1e9), stage.names)
+        columns = np.column_stack([np.ones(len(stage_ns)), accelerations])
+        solved: FloatArray = np.linalg.lstsq(columns, means, rcond=1e-6)[0].astype(np.float64)
+        return solved, float(np.sum((means - columns @ solved) ** 2))
 
     lags = np.arange(-round(window_s / _BIN_S), round(window_s / _BIN_S) + 1) * _BIN_S
     tried = [fit(lag) for lag in lags]
     sums = np.array([loss for _, loss in tried])
-    losses = sums * known.size / max(float(sums.min()), 1e-30) + np.array([_crookedness(s[1:]) for s, _ in tried])
+    losses = sums * means.size / max(float(sums.min()), 1e-30) + np.array([_crookedness(s[1:]) for s, _ in tried])
     best = int(np.argmin(losses))
     lag_s = float(lags[best])
-    if 0 < best < len(lags) - 1:
+    if 0 < best < len(lags) - 1:  # minimum of the parabola through the best lag and its neighbours
         before, here, after = losses[best - 1 : best + 2]
         lag_s += _BIN_S * 0.5 * float((before - after) / max(before - 2 * here + after, 1e-30))
     solved, loss = fit(lag_s)
-    still = float(np.sum((known - known.mean(axis=0)) ** 2))
+    level_loss = float(np.sum((means - means.mean(axis=0)) ** 2))  # of a level without inertia
     level, stderr, gains = np.zeros(3), np.full(3, math.nan), np.zeros((len(stage.names), 3))
-    if still - loss < _MIN_GAIN * loss / known.size:
-        solved[0], solved[1:], loss = known.mean(axis=0), 0.0, still
+    if level_loss - loss < _MIN_GAIN * loss / means.size:
+        solved[0], solved[1:], loss = means.mean(axis=0), 0.0, level_loss
     level[axes], gains[:, axes] = solved[0], solved[1:]
     # residuals are not independent within a beat: one degree of freedom for each half second
-    stderr[axes] = np.sqrt(loss / known.size / max(1.0, span / 0.5))
+    stderr[axes] = np.sqrt(loss / means.size / max(1.0, span / 0.5))
     tare = Tare(level, stderr, (stretch_s,), "stated")
     if not gains.any():
         return tare, Inertia(detail="the readings do not show the stage's movement: no inertia is taken out")
-    lag_ns += 1000 * round(lag_s * 1e6)
+    lag_ns += 1000 * round(lag_s * 1e6)  # nothing finer than a microsecond is known
     return tare, Inertia(stage.names, gains, lag_ns, "estimated", rate=rate, reference_ns=middle_ns)
 
 
@@ -202,24 +209,21 @@ def best_inertia(stamps_ns: IntArray, force_n: FloatArray, stage: StageMotion, f
         force_n: (n, 3) readings in N; NaN where there is no plausible reading.
         stage: movement of the stage on its own clock.
         found: one inertia or more, to choose from.
-
-    Returns:
-        One of ``found``.
     """
     axes = ~np.isnan(force_n).all(axis=0)
     step = max(1, round(_RATE_STEP_S * 1e9 / max(float(np.median(np.diff(stamps_ns))), 1.0)))
     finite = np.flatnonzero(np.isfinite(force_n[:, axes]).all(axis=1))
     count = len(finite) // step * step
-    known = force_n[finite[:count]][:, axes].reshape(-1, step, int(axes.sum())).mean(axis=1)
-    at = stamps_ns[finite[:count]].reshape(-1, step)[:, step // 2]
-    left: list[float] = []
+    means = force_n[finite[:count]][:, axes].reshape(-1, step, int(axes.sum())).mean(axis=1)
+    middle_ns = stamps_ns[finite[:count]].reshape(-1, step)[:, step // 2]
+    losses: list[float] = []
     for inertia in found:
-        when = inertia.stage_ns(at)
-        shifted = [stage.acceleration(when + round(1e9 * way * _AROUND_S), stage.names) for way in (-1.0, 0.0, 1.0)]
-        columns = np.column_stack([np.ones(len(at)), *shifted])
-        solved = np.linalg.lstsq(columns, known, rcond=1e-6)[0]
-        left.append(float(np.sum((known - columns @ solved) ** 2)))
-    return found[int(np.argmin(left))]
+        stage_ns = inertia.stage_ns(middle_ns)
+        times = (stage_ns + round(1e9 * side * _AROUND_S) for side in (-1.0, 0.0, 1.0))
+        columns = np.column_stack([np.ones(len(means)), *(stage.acceleration(time, stage.names) for time in times)])
+        solved = np.linalg.lstsq(columns, means, rcond=1e-6)[0]
+        losses.append(float(np.sum((means - columns @ solved) ** 2)))
+    return found[int(np.argmin(losses))]
 
 
 def tip_acceleration(time_ns: IntArray, shapes: Sequence[DetectedShape], metres_per_px: float) -> float:
@@ -238,13 +242,13 @@ def tip_acceleration(time_ns: IntArray, shapes: Sequence[DetectedShape], metres_
     """
     if len(shapes) != len(time_ns):
         return 0.0
-    found = [(at, s.centreline.points[-1]) for at, s in zip(time_ns.tolist(), shapes, strict=True) if s.centreline]
-    if len(found) < _MIN_TIP_BINS:
+    timed_tips = [(ns, s.centreline.points[-1]) for ns, s in zip(time_ns.tolist(), shapes, strict=True) if s.centreline]
+    if len(timed_tips) < _MIN_TIP_BINS:
         return 0.0
-    seconds = np.array([at - found[0][0] for at, _ in found]) * 1e-9
-    tips = np.array([tip for _, tip in found]) * metres_per_px
-    _, place, filled = np.unique(np.floor(seconds / _TIP_BIN_S), return_inverse=True, return_counts=True)
-    middle, x, y = (np.bincount(place, values) / filled for values in (seconds, *tips.T))
+    seconds = np.array([ns - timed_tips[0][0] for ns, _ in timed_tips]) * 1e-9
+    tips = np.array([tip for _, tip in timed_tips]) * metres_per_px
+    _, bin_of, counts = np.unique(np.floor(seconds / _TIP_BIN_S), return_inverse=True, return_counts=True)
+    middle, x, y = (np.bincount(bin_of, values) / counts for values in (seconds, *tips.T))
     step = np.diff(middle)
     speed = np.diff(np.stack([x, y], axis=1), axis=0) / step[:, None]
     acceleration = 2.0 * np.diff(speed, axis=0) / (step[1:] + step[:-1])[:, None]
@@ -262,5 +266,5 @@ def _crookedness(gains: FloatArray) -> float:
     """
     gram = gains @ gains.T
     mass = float(np.trace(gram)) / max(1, len(gram))
-    away = gram / max(mass, 1e-30) - np.eye(len(gram))
-    return float(np.sum(away**2)) / _CROOKED**2
+    difference = gram / max(mass, 1e-30) - np.eye(len(gram))
+    return float(np.sum(difference**2)) / _CROOKED**2

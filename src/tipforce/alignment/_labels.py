@@ -48,9 +48,6 @@ def labels(
         max_gap_s: where the readings around a frame are farther apart, or on one side only, its force is NaN.
         later_s: delay of the force after each frame, to find its rate.
 
-    Returns:
-        The labels.
-
     Raises:
         InputError: readings are in the sensor's frame and its pose is not stated, or the clock map is unknown.
     """
@@ -90,16 +87,13 @@ def label_log(
         offset_ms: the camera's clock minus the force's.
         max_gap_s: see `labels`.
 
-    Returns:
-        The labels.
-
     Raises:
         InputError: tare or inertia cannot be found, or the pose of the sensor is not stated.
     """
     stamps, force = readings
-    course = StageMotion(*stage)
-    found = find_tare_and_inertia(stamps, force, course, tare, [], sensor.moving_mass_kg)
-    facts = ForceCorrections(sensor, *found, course)
+    motion = StageMotion(*stage)
+    tare_and_inertia = find_tare_and_inertia(stamps, force, motion, tare, [], sensor.moving_mass_kg)
+    facts = ForceCorrections(sensor, *tare_and_inertia, motion)
     when = frame_ns - round(offset_ms * 1e6)
     return replace(_label(when, [(stamps, force, "sensor")], facts, max_gap_s, "the readings"), stamp_ns=frame_ns)
 
@@ -117,10 +111,10 @@ def covered_frames(frame_ns: IntArray, force_ns: IntArray) -> BoolArray:
     >>> covered_frames(np.array([0, 10, 2000]), np.array([5, 20])).tolist()
     [False, True, False]
     """
-    right = np.searchsorted(force_ns, frame_ns, side="left")
-    inside = (right > 0) & (right < len(force_ns))
-    after = force_ns[np.minimum(right, len(force_ns) - 1)]
-    gap = after - force_ns[np.maximum(right - 1, 0)]
+    index = np.searchsorted(force_ns, frame_ns, side="left")
+    inside = (index > 0) & (index < len(force_ns))
+    after = force_ns[np.minimum(index, len(force_ns) - 1)]
+    gap = after - force_ns[np.maximum(index - 1, 0)]
     return (after == frame_ns) | (inside & (gap <= round(MAX_GAP_S * 1e9)))
 
 
@@ -131,31 +125,36 @@ def _label(
     max_gap_s: float,
     where: str,
 ) -> Labels:
-    """Labels at ``frames`` (n,), stamps on the force log's clock."""
+    """Interpolates the labels at ``frames`` (n,), stamps on the force log's clock; see `labels`.
+
+    ``blocks`` are stamps (m,), forces (m, 3) in N and frame of reference of successive readings. The last reading of a
+    block is carried into the next.
+    """
     values = np.full((len(frames), 3), math.nan)
     last_time, last_value = np.empty(0, np.int64), np.empty((0, 3))
     for times, force, frame in blocks:
         usable = facts.plausibility.usable(times)
         times, force = times[usable], facts.plausibility.corrected(times, force)[usable]
         readings = _in_base(force - facts.carried(times), frame, facts, where)
-        here, readings = np.concatenate([last_time, times]), np.concatenate([last_value, readings])
-        if not len(here):
+        times, readings = np.concatenate([last_time, times]), np.concatenate([last_value, readings])
+        if not len(times):
             continue
-        if np.any(np.diff(here) < 0):
-            order = np.argsort(here, kind="stable")
-            here, readings = here[order], readings[order]
-        inside = np.flatnonzero((frames >= here[0]) & (frames <= here[-1]))
+        if np.any(np.diff(times) < 0):
+            order = np.argsort(times, kind="stable")
+            times, readings = times[order], readings[order]
+        inside = np.flatnonzero((frames >= times[0]) & (frames <= times[-1]))
         if len(inside):
-            values[inside] = _interpolate(frames[inside], here, readings, round(max_gap_s * 1e9))
-        last_time, last_value = here[-1:], readings[-1:]
-    known = np.zeros(3, np.bool_)
+            values[inside] = _interpolate(frames[inside], times, readings, round(max_gap_s * 1e9))
+        last_time, last_value = times[-1:], readings[-1:]
+    measured = np.zeros(3, np.bool_)
     if len(last_value):
-        known = np.logical_not(np.isnan(last_value[0]))
-    values[np.isnan(values[:, known]).any(axis=1)] = math.nan
-    return Labels(frames, values, known)
+        measured = np.logical_not(np.isnan(last_value[0]))
+    values[np.isnan(values[:, measured]).any(axis=1)] = math.nan
+    return Labels(frames, values, measured)
 
 
 def _in_base(force: FloatArray, frame: str, facts: ForceCorrections, where: str) -> FloatArray:
+    """Returns forces (n, 3) less the tare, turned from their ``frame`` to the base frame. Raises InputError."""
     tared = force - facts.tare.force_n
     if frame == "base":
         return tared
@@ -167,19 +166,20 @@ def _in_base(force: FloatArray, frame: str, facts: ForceCorrections, where: str)
         )
     unknown = np.isnan(tared)
     # a planar sensor's unknown axis must not spoil the others: 0 * NaN is NaN
-    turned = np.where(unknown, 0.0, tared) @ pose.matrix.T
-    spoilt = unknown @ (np.abs(pose.matrix.T) > 1e-12)
-    turned[spoilt.astype(np.bool_)] = math.nan
-    return turned
+    rotated = np.where(unknown, 0.0, tared) @ pose.matrix.T
+    needs_unknown = unknown @ (np.abs(pose.matrix.T) > 1e-12)
+    rotated[needs_unknown.astype(np.bool_)] = math.nan
+    return rotated
 
 
 def _interpolate(at: IntArray, times: IntArray, values: FloatArray, max_gap_ns: int) -> FloatArray:
-    right = np.clip(np.searchsorted(times, at, side="left"), 1, len(times) - 1) if len(times) > 1 else None
-    if right is None:
+    """Returns ``values`` (m, 3) of ``times`` (m,), linear at ``at`` (n,): (n, 3), NaN in a gap of the times."""
+    if len(times) == 1:
         return np.where((at == times[0])[:, None], values[0], math.nan)
-    left = right - 1
-    gap = times[right] - times[left]
-    share = ((at - times[left]) / np.maximum(gap, 1))[:, None]
-    found = values[left] + share * (values[right] - values[left])
-    apart = (gap > max_gap_ns) & (at != times[right])
-    return np.where(apart[:, None], math.nan, found)
+    after = np.clip(np.searchsorted(times, at, side="left"), 1, len(times) - 1)
+    before = after - 1
+    gap = times[after] - times[before]
+    share = ((at - times[before]) / np.maximum(gap, 1))[:, None]
+    interpolated = values[before] + share * (values[after] - values[before])
+    in_gap = (gap > max_gap_ns) & (at != times[after])
+    return np.where(in_gap[:, None], math.nan, interpolated)

@@ -41,7 +41,7 @@ class Pairing:
     Args:
         views: names of the views.
         within_s: largest difference in time between the images of one observation.
-        apart: whether an image of a further view that no image of the first view is near is an instant of its own.
+        apart: whether an image of a further view is an instant of its own if no image of the first view is near.
     """
 
     def __init__(self, views: Sequence[str], within_s: float = PAIR_S, *, apart: bool = False) -> None:
@@ -74,11 +74,11 @@ class Pairing:
         """
         if frame.view != self._first:
             return {} if self._near(self._first, frame) else {frame.view: frame.image}
-        found = {self._first: frame.image}
+        images = {self._first: frame.image}
         for view in self._frames:
             if view != self._first and (partner := self._near(view, frame)):
-                found[view] = partner.image
-        return found
+                images[view] = partner.image
+        return images
 
     def _near(self, view: str, frame: Frame) -> Frame | None:
         frames = self._frames[view]
@@ -119,18 +119,18 @@ class ObservationQueue:
             self._series.add(event)
         elif isinstance(event, Frame) and self._pairing.add(event):
             insort(self._waiting, event, key=lambda frame: frame.stamp_ns)
-        found: list[Observation] = []
+        complete: list[Observation] = []
         while self._waiting and self._ready(self._waiting[0], event.stamp_ns):
-            found += self._release(self._waiting.pop(0))
+            complete += self._release(self._waiting.pop(0))
         if isinstance(event, Frame):
             self._pairing.forget_before((self._waiting[0] if self._waiting else event).stamp_ns - self._pair_ns)
-        return found
+        return complete
 
     def rest(self) -> list[Observation]:
         """Returns the observations of the frames that still wait, where no event comes any more."""
-        found = [observation for frame in self._waiting for observation in self._release(frame)]
+        complete = [observation for frame in self._waiting for observation in self._release(frame)]
         self._waiting.clear()
-        return found
+        return complete
 
     def _ready(self, frame: Frame, now_ns: int) -> bool:
         age_ns = now_ns - frame.stamp_ns
@@ -138,13 +138,15 @@ class ObservationQueue:
         return read and (self._pairing.final_at(frame) or age_ns > self._pair_ns)
 
     def _release(self, frame: Frame) -> list[Observation]:
+        """Returns the observation of ``frame``; none where it belongs to that of a frame of the first view."""
         images = self._pairing.views_of(frame)
         if not images:
             return []
+        # a later reading that is there already is used even if no frame waits for one
         values = self._series.at(np.array([frame.stamp_ns]), wait_s=max(self._wait_s, WAIT_S))
-        known = {name: float(value[0]) for name, value in values.items() if not np.isnan(value[0])}
+        readings = {name: float(value[0]) for name, value in values.items() if not np.isnan(value[0])}
         self._series.forget_before(frame.stamp_ns)
-        return [Observation(frame.stamp_ns, images, known)]
+        return [Observation(frame.stamp_ns, images, readings)]
 
 
 def observations(

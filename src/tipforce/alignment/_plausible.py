@@ -41,52 +41,55 @@ def find_plausible_force(
     Raises:
         InputError: no reading may be used, or ``choice`` does not fit the log.
     """
-    found = check_force_log(stamps, force, status=status, range_n=range_n)
-    if not found.usable(stamps).any():
-        raise InputError(f"the force log has no reading that may be used: {'; '.join(found.lines())}")
-    good = found.corrected(stamps, force)
-    said: list[str] = []
+    findings = check_force_log(stamps, force, status=status, range_n=range_n)
+    if not findings.usable(stamps).any():
+        raise InputError(f"the force log has no reading that may be used: {'; '.join(findings.lines())}")
+    corrected = findings.corrected(stamps, force)
+    tare_remarks: list[str] = []
     try:
-        tare, inertia = find_tare_and_inertia(stamps, good, stage, choice, said, moving_mass_kg)
+        tare, inertia = find_tare_and_inertia(stamps, corrected, stage, choice, tare_remarks, moving_mass_kg)
     except InputError as error:
-        raise InputError("; ".join([str(error), *found.lines()])) from None
-    steps = _zero_steps(stamps, good - carried_n(stage, inertia, stamps), tare)
-    if steps:
-        found = _with_steps(found, stamps, steps, tare)
-        said = []
-        good = found.corrected(stamps, force)
-        tare, inertia = find_tare_and_inertia(stamps, good, stage, choice, said, moving_mass_kg)
-    remarks += said
-    return _with_drift(found, stamps, force, stage, tare, inertia), tare, inertia
+        raise InputError("; ".join([str(error), *findings.lines()])) from None
+    steps = _zero_steps(stamps, corrected - carried_n(stage, inertia, stamps), tare)
+    if steps:  # tare and inertia again, without the steps
+        findings = _with_steps(findings, stamps, steps, tare)
+        tare_remarks = []
+        corrected = findings.corrected(stamps, force)
+        tare, inertia = find_tare_and_inertia(stamps, corrected, stage, choice, tare_remarks, moving_mass_kg)
+    remarks += tare_remarks
+    return _with_drift(findings, stamps, force, stage, tare, inertia), tare, inertia
 
 
 def _with_drift(
-    found: ForcePlausibility, stamps: IntArray, force: FloatArray, stage: StageMotion, tare: Tare, inertia: Inertia
+    findings: ForcePlausibility, stamps: IntArray, force: FloatArray, stage: StageMotion, tare: Tare, inertia: Inertia
 ) -> ForcePlausibility:
-    """Adds the drift of the zero to the findings, where there is more than usual."""
+    """Adds to the findings the drift of the zero in the readings ``force`` (n, 3), N, where it is more than usual."""
     if not tare.stretches_s:
-        return found
-    rest = found.corrected(stamps, force) - carried_n(stage, inertia, stamps) - tare.force_n
-    axes = ~np.isnan(rest).all(axis=0)
-    rows = np.isfinite(rest[:, axes]).all(axis=1)
+        return findings
+    remainder = findings.corrected(stamps, force) - carried_n(stage, inertia, stamps) - tare.force_n
+    axes = ~np.isnan(remainder).all(axis=0)
+    rows = np.isfinite(remainder[:, axes]).all(axis=1)
     seconds = (stamps - stamps[0]) * 1e-9
     start_s, end_s = tare.stretches_s[0]
-    drift = find_drift(seconds[rows], rest[rows], start_s, end_s)
+    drift = find_drift(seconds[rows], remainder[rows], start_s, end_s)
     if not drift.any():
-        return found
+        return findings
     per_minute = ", ".join(f"f{'xyz'[axis]} {60e3 * drift[axis]:+.0f}" for axis in range(3) if drift[axis])
     total = float(np.linalg.norm(drift) * (seconds[-1] - seconds[0]))
-    said = f"the contact-free level moves by {per_minute} mN a minute and is corrected by a straight line"
+    detail = f"the contact-free level moves by {per_minute} mN a minute and is corrected by a straight line"
     return replace(
-        found,
-        findings=(*found.findings, ForceFinding("drift", 0.0, float(seconds[-1]), size_n=total, detail=said)),
+        findings,
+        findings=(*findings.findings, ForceFinding("drift", 0.0, float(seconds[-1]), size_n=total, detail=detail)),
         drift_n_per_s=(float(drift[0]), float(drift[1]), float(drift[2])),
         drift_zero_ns=int(stamps[0]) + round(0.5e9 * (start_s + end_s)),
     )
 
 
 def _zero_steps(stamps: IntArray, force: FloatArray, tare: Tare) -> list[ZeroStep]:
-    """Steps of the zero, forwards and backwards in time from the stretch that gives the contact-free level."""
+    """Finds steps of the zero in readings (n, 3), N, forwards and backwards in time from the contact-free stretch.
+
+    Backwards, stamps and steps have the other sign, and a step's row is the one before it in time.
+    """
     axes = ~np.isnan(force).all(axis=0)
     rows = np.flatnonzero(np.isfinite(force[:, axes]).all(axis=1))
     if tare.how == "none" or not tare.stretches_s:
@@ -101,24 +104,29 @@ def _zero_steps(stamps: IntArray, force: FloatArray, tare: Tare) -> list[ZeroSte
     return sorted(steps, key=lambda step: step.row)
 
 
-def _with_steps(found: ForcePlausibility, stamps: IntArray, steps: list[ZeroStep], tare: Tare) -> ForcePlausibility:
-    """Returns the findings with ``steps``; readings behind an unmeasured one, seen from the tare, are not used."""
+def _with_steps(
+    plausibility: ForcePlausibility, stamps: IntArray, steps: list[ZeroStep], tare: Tare
+) -> ForcePlausibility:
+    """Returns the findings with the ``steps`` of the zero in a log with these ``stamps`` (n,).
+
+    Where no contact-free moment measures the new zero, the readings beyond the step, seen from the tare, are not used.
+    """
     seconds = (stamps - stamps[0]) * 1e-9
     tare_s = tare.stretches_s[0][0] if tare.stretches_s else 0.0
     unused = np.zeros(len(stamps), np.bool_)
     findings: list[ForceFinding] = []
     for step in steps:
         at_s, lost = float(seconds[step.row]), 0
-        if step.free_s:
-            said = f"; the new zero is measured in {step.free_s:.1f} s without contact and is corrected"
+        if step.free_s:  # time without contact beyond the step
+            detail = f"; the new zero is measured in {step.free_s:.1f} s without contact and is corrected"
         else:
-            part: BoolArray = seconds >= at_s if tare_s < at_s else seconds < at_s
-            lost, unused = int((part & ~unused).sum()), unused | part
+            beyond: BoolArray = seconds >= at_s if tare_s < at_s else seconds < at_s
+            lost, unused = int((beyond & ~unused).sum()), unused | beyond
             where = "behind" if tare_s < at_s else "before"
-            said = (
+            detail = (
                 f"; no contact-free moment measures the zero {where} it, so the readings there are not used: "
                 "state a contact-free stretch there as the tare (tare=(START, END)) to use that part instead"
             )
-        findings.append(ForceFinding.of_step(at_s, step.step_n, lost, said))
+        findings.append(ForceFinding.of_step(at_s, step.step_n, lost, detail))
     zero = {int(stamps[step.row]): (float(x), float(y), float(z)) for step in steps for x, y, z in [step.step_n]}
-    return replace(found.without(stamps, unused), findings=(*found.findings, *findings), zero_steps=zero)
+    return replace(plausibility.without(stamps, unused), findings=(*plausibility.findings, *findings), zero_steps=zero)

@@ -10,10 +10,18 @@ from ..types import BoolArray, FloatArray, IntArray
 
 _BIN_S = 0.05
 _WINDOW_BINS = 10
+"""Half a second, whose scatter shows whether the force is quiet."""
 _MIN_RUN_S = 1.0
 _EDGE_BINS = 4
+"""Bins at the ends of a quiet stretch that may already belong to the onset of contact."""
 _QUIET = 0.08
 """Largest scatter of a quiet half second, as a share of the force's range in the whole log."""
+_AWAY, _MIN_AWAY_SHARE = 0.15, 0.02
+"""A level is contact if forces are further from it than this share of the range, on both sides, for more than the
+second share of the time."""
+_BLOCK_S = 0.5
+"""Readings within this time are not independent."""
+_MIN_READINGS = 10
 
 
 def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s: float) -> Tare:
@@ -25,9 +33,6 @@ def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s:
         start_s: start of the stretch in seconds since the log's first row.
         end_s: its end.
 
-    Returns:
-        The tare.
-
     Raises:
         InputError: the stretch has fewer than ten readings, or its times are not finite.
     """
@@ -36,7 +41,7 @@ def stated_tare(stamps_ns: IntArray, force_n: FloatArray, start_s: float, end_s:
     seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     axes = ~np.isnan(force_n).all(axis=0)
     inside = (seconds >= start_s) & (seconds <= end_s) & np.isfinite(force_n[:, axes]).all(axis=1)
-    if inside.sum() < 10:
+    if inside.sum() < _MIN_READINGS:
         raise InputError(
             f"tare=({start_s:g}, {end_s:g}): has only {int(inside.sum())} readings; the force log runs from 0 to "
             f"{seconds[-1]:.1f} s"
@@ -64,13 +69,13 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
     axes = ~np.isnan(force_n).all(axis=0)
     usable = np.isfinite(force_n[:, axes]).all(axis=1)
     seconds, force_n = seconds[usable], force_n[usable]
-    known = force_n[:, axes]
+    measured = force_n[:, axes]
     number = np.floor(seconds / _BIN_S).astype(np.int64)
     count = int(number[-1]) + 1 if len(number) else 0
     filled = np.bincount(number, minlength=count)
-    if count < 2 * _WINDOW_BINS or not known.shape[1]:
+    if count < 2 * _WINDOW_BINS or not measured.shape[1]:
         return Tare(detail=f"the force log of {seconds[-1]:.1f} s is too short to look for a contact-free stretch")
-    sums = np.stack([np.bincount(number, column, minlength=count) for column in known.T], axis=1)
+    sums = np.stack([np.bincount(number, column, minlength=count) for column in measured.T], axis=1)
     bins = sums / np.maximum(filled, 1)[:, None]
     spread = np.linalg.norm(np.percentile(bins, 97.5, axis=0) - np.percentile(bins, 2.5, axis=0))
     if spread < 1e-9:
@@ -79,39 +84,46 @@ def find_tare(stamps_ns: IntArray, force_n: FloatArray) -> Tare:
     if not runs:
         return Tare(detail="no second in which the force is quiet: state a contact-free stretch, as in tare=(0, 5)")
     levels = _levels(bins, runs, float(spread))
-    free = [level for level in levels if not _surrounded(bins, level, float(spread))] or levels
-    chosen = min(free, key=lambda level: level[0][0])
+    contact_free = [level for level in levels if not _surrounded(bins, level, float(spread))] or levels
+    chosen = min(contact_free, key=lambda level: level[0][0])
     inside = np.zeros(len(seconds), dtype=np.bool_)
     for first, last in chosen:
         inside |= (number >= first) & (number < last)
     mean, stderr = _mean(seconds[inside], force_n[inside])
-    others = [run for level in levels if level is not chosen for run in level]
+    other_runs = [run for level in levels if level is not chosen for run in level]
     detail = ""
-    if others:
-        places = ", ".join(f"{first * _BIN_S:.1f}-{last * _BIN_S:.1f} s" for first, last in others[:3])
+    if other_runs:
+        places = ", ".join(f"{first * _BIN_S:.1f}-{last * _BIN_S:.1f} s" for first, last in other_runs[:3])
         detail = f"quiet at another level too ({places}), taken for held contact; state tare if that is wrong"
     return Tare(mean, stderr, tuple((first * _BIN_S, last * _BIN_S) for first, last in chosen), "detected", detail)
 
 
 def _quiet_runs(bins: FloatArray, filled: BoolArray, spread: float) -> list[tuple[int, int]]:
-    """Returns (first, end) bins of stretches that are quiet for at least a second."""
+    """Returns (first, end) bins of stretches that are quiet for at least a second.
+
+    ``bins`` (n, k): mean force of each bin, N; ``filled`` (n,): whether it has readings; ``spread``: range of the force
+    in the whole log, N.
+    """
     windows = np.lib.stride_tricks.sliding_window_view(bins, _WINDOW_BINS, axis=0)
     scatter = np.sqrt(np.sum(np.var(windows, axis=-1), axis=-1))
-    whole = np.lib.stride_tricks.sliding_window_view(filled, _WINDOW_BINS).all(axis=-1)
+    all_filled = np.lib.stride_tricks.sliding_window_view(filled, _WINDOW_BINS).all(axis=-1)
     quiet = np.zeros(len(bins) + 1, dtype=np.int64)
-    for start in np.flatnonzero((scatter < _QUIET * spread) & whole).tolist():
+    for start in np.flatnonzero((scatter < _QUIET * spread) & all_filled).tolist():
         quiet[start : start + _WINDOW_BINS] = 1
     edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet])))
     runs: list[tuple[int, int]] = []
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=False):
         if (last - first) * _BIN_S >= _MIN_RUN_S:
-            # the outer bins may already belong to the onset of contact, but not at the log's own ends
+            # at the log's own ends there is no onset
             runs.append((first + _EDGE_BINS * (first > 0), last - _EDGE_BINS * (last < len(bins))))
     return runs
 
 
 def _levels(bins: FloatArray, runs: list[tuple[int, int]], spread: float) -> list[list[tuple[int, int]]]:
-    """Runs sorted into groups of the same mean force."""
+    """Returns the quiet ``runs`` (first, end bin) in groups, one for each level of the force.
+
+    The median force of ``bins`` (n, k) in N differs within a group by less than 8 % of ``spread``, the force's range.
+    """
     levels: list[tuple[FloatArray, list[tuple[int, int]]]] = []
     for first, last in runs:
         mean = np.median(bins[first:last], axis=0)
@@ -125,18 +137,25 @@ def _levels(bins: FloatArray, runs: list[tuple[int, int]], spread: float) -> lis
 
 
 def _surrounded(bins: FloatArray, level: list[tuple[int, int]], spread: float) -> bool:
-    """Returns whether forces are on both sides of a level: contact only pushes, so it cannot be the free one."""
+    """Returns whether forces are on both sides of a level: contact only pushes, so it cannot be the free one.
+
+    ``bins`` (n, k) are forces in N, ``level`` the runs (first, end bin) at this level; ``spread`` is the force's range.
+    """
     centre = np.median(np.concatenate([bins[first:last] for first, last in level]), axis=0)
-    away = bins - centre
-    _, axes = np.linalg.eigh(away.T @ away)
-    along = away @ axes[:, -1]
-    return bool(min((along > 0.15 * spread).mean(), (along < -0.15 * spread).mean()) > 0.02)
+    difference = bins - centre
+    _, axes = np.linalg.eigh(difference.T @ difference)
+    along = difference @ axes[:, -1]  # in the direction in which the force varies most
+    above, below = (along > _AWAY * spread).mean(), (along < -_AWAY * spread).mean()
+    return bool(min(above, below) > _MIN_AWAY_SHARE)
 
 
 def _mean(seconds: FloatArray, force_n: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns mean and standard error, by the scatter of half seconds: readings within one are not independent."""
+    """Returns mean and standard error (3,) of readings (n, 3) in N; 0 and NaN for an axis without readings.
+
+    The standard error is by the scatter of half seconds, because readings within one are not independent.
+    """
     mean, stderr = np.zeros(3), np.full(3, math.nan)
-    block = np.floor((seconds - seconds[0]) / 0.5).astype(np.int64)
+    block = np.floor((seconds - seconds[0]) / _BLOCK_S).astype(np.int64)
     for axis in range(3):
         values = force_n[:, axis]
         if np.isnan(values).all():

@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter1d
 from ..errors import InputError
 from ..io import Inertia, Tare
 from ..plausibility import ForceFinding
-from ..types import BoolArray, FloatArray, IntArray
+from ..types import FloatArray, IntArray
 from ..vision import DetectedShape
 from ._find import ForceCorrections, find_tare_and_inertia
 from ._inertia import StageMotion, carried_n
@@ -60,27 +60,27 @@ def changing_tare(
         The finding, or None.
     """
     seconds = (stamps - stamps[0]) * 1e-9
-    inside = _within(seconds, tare)
+    inside = tare.covers(seconds)
     axes = ~np.isnan(force).all(axis=0)
-    known = np.isfinite(force[:, axes]).all(axis=1)
+    finite = np.isfinite(force[:, axes]).all(axis=1)
     if not stage.names and moving_mass_kg and inertia.how != "estimated":  # contact looks like that mass
         return None
-    shown = np.broadcast_to(carried_n(stage, inertia, stamps), force.shape)[known][:, axes]
-    rest = force[known][:, axes] - shown
-    inside, outside = inside[known], ~inside[known]
+    carried = np.broadcast_to(carried_n(stage, inertia, stamps), force.shape)[finite][:, axes]
+    remainder = force[finite][:, axes] - carried
+    inside, outside = inside[finite], ~inside[finite]
     if inside.sum() < 10 or outside.sum() < 10:
         return None
     period = max(float(np.median(np.diff(seconds))), 1e-6)
-    smooth = uniform_filter1d(rest, max(1, round(_SMOOTH_S / period)), axis=0, mode="nearest")
-    change, usual = _spread(smooth[inside]), _spread(smooth[outside])
+    smooth = uniform_filter1d(remainder, max(1, round(_SMOOTH_S / period)), axis=0, mode="nearest")
+    change, elsewhere = _spread(smooth[inside]), _spread(smooth[outside])
     share = _MAX_CHANGE if stage.names else _MAX_CHANGE_NO_STAGE
-    if change > max(_MIN_CHANGE_N, share * usual):
-        said = f"the force changes by {change:.3f} N in the stretch of the tare, and by {usual:.3f} N elsewhere"
+    if change > max(_MIN_CHANGE_N, share * elsewhere):
+        detail = f"the force changes by {change:.3f} N in the stretch of the tare, and by {elsewhere:.3f} N elsewhere"
         if not stage.names:
-            said += " (if the sensor rides on a moving stage, import the stage's log too)"
-        return _finding(tare, change, said)
+            detail += " (if the sensor rides on a moving stage, import the stage's log too)"
+        return _finding(tare, change, detail)
     heaviest = float(np.linalg.norm(inertia.gain_kg, axis=1).max(initial=0.0))
-    if moving_mass_kg and heaviest > _MAX_MASS * moving_mass_kg and _spread(shown[inside]) > _MIN_CHANGE_N:
+    if moving_mass_kg and heaviest > _MAX_MASS * moving_mass_kg and _spread(carried[inside]) > _MIN_CHANGE_N:
         return _finding(
             tare,
             change,
@@ -113,25 +113,25 @@ def pulling_force(
         return None
     stamps = stamps[usable]
     tared = np.nan_to_num(force[usable] - facts.tare.force_n - facts.carried(stamps))
-    outside = ~_within((stamps - stamps[0]) * 1e-9, facts.tare)
+    outside = ~facts.tare.covers((stamps - stamps[0]) * 1e-9)
     at_tare = np.linalg.norm(tared[outside, :2], axis=1) < _AT_TARE_N
     if float(np.mean(at_tare)) > _MAX_AT_TARE:
         return None
     base = tared @ facts.sensor.matrix.T
     at_frames = np.stack([np.interp(frame_ns, stamps, base[:, axis]) for axis in range(2)], axis=1)
     tips = np.array([_tip_direction(shape) for shape in shapes])
-    known = np.isfinite(tips).all(axis=1) & (frame_ns >= stamps[0]) & (frame_ns <= stamps[-1])
-    if known.sum() < _MIN_FRAMES:
+    covered = np.isfinite(tips).all(axis=1) & (frame_ns >= stamps[0]) & (frame_ns <= stamps[-1])
+    if covered.sum() < _MIN_FRAMES:
         return None
-    along = np.sum(tips[known] * at_frames[known], axis=1)
-    sizes = np.linalg.norm(at_frames[known], axis=1)
+    along = np.sum(tips[covered] * at_frames[covered], axis=1)
+    sizes = np.linalg.norm(at_frames[covered], axis=1)
     if sizes.mean() < _MIN_PULL_N or along.sum() < _MIN_PULL * sizes.sum():
         return None
-    most = float(np.percentile(along, 95))
+    pull_n = float(np.percentile(along, 95))
     return _finding(
         facts.tare,
-        most,
-        f"with this tare the tissue would pull at the tip with up to {most:.2f} N, but tissue only pushes (if the "
+        pull_n,
+        f"with this tare the tissue would pull at the tip with up to {pull_n:.2f} N, but tissue only pushes (if the "
         "stretch is right, check sensor.reads and sensor.angle_deg)",
     )
 
@@ -157,22 +157,15 @@ def contact_free_stretch(
             tare, inertia = find_tare_and_inertia(stamps, force, stage, stretch, [], moving_mass_kg)
         except InputError:  # too few readings that are used
             continue
-        seen = inertia.how == "estimated" or not stage.names
-        if seen and changing_tare(stamps, force, stage, tare, inertia, moving_mass_kg) is None:
+        shows_stage = inertia.how == "estimated" or not stage.names
+        if shows_stage and changing_tare(stamps, force, stage, tare, inertia, moving_mass_kg) is None:
             return stretch
     return None
 
 
-def _finding(tare: Tare, size_n: float, said: str) -> ForceFinding:
+def _finding(tare: Tare, size_n: float, detail: str) -> ForceFinding:
     start, end = tare.stretches_s[0]
-    return ForceFinding("contact during tare", start, end, size_n=size_n, detail=said)
-
-
-def _within(seconds: FloatArray, tare: Tare) -> BoolArray:
-    inside = np.zeros(len(seconds), np.bool_)
-    for start, end in tare.stretches_s:
-        inside |= (seconds >= start) & (seconds <= end)
-    return inside
+    return ForceFinding("contact during tare", start, end, size_n=size_n, detail=detail)
 
 
 def _spread(values: FloatArray) -> float:

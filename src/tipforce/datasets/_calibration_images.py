@@ -18,9 +18,10 @@ def calibration_images(dataset: Dataset, session: str, view: str) -> tuple[Image
     Returns:
         The images; empty if the clamp is advanced in that session, because the base then moves in the images.
     """
-    whole = dataset.whole or dataset
-    rows = np.flatnonzero(whole.session == session)
-    if np.any(whole.actuation.get(ADVANCE, np.zeros(len(whole)))[rows]):
+    all_samples = dataset.whole or dataset
+    rows = np.flatnonzero(all_samples.session == session)
+    if np.any(all_samples.actuation.get(ADVANCE, np.zeros(len(all_samples)))[rows]):
         return ()
-    found = (each.views.get(view) for each in whole.subset(rows[spread_rows(len(rows))]).observations())
-    return tuple(image for image in found if isinstance(image, np.ndarray))
+    chosen = all_samples.subset(rows[spread_rows(len(rows))])
+    images = (observation.views.get(view) for observation in chosen.observations())
+    return tuple(image for image in images if isinstance(image, np.ndarray))

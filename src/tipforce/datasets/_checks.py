@@ -62,18 +62,18 @@ def check_shards(paths: Sequence[Path], files: Mapping[str, Any], facts: str, *,
     Raises:
         FileFormatError: a shard is missing, has another size or footer, or does not belong to the dataset.
     """
-    there = {path.name: path for path in paths}
-    wanted = set(files)
-    for name in there:
-        if found := _NUMBERED.match(name):
-            stem, _, count, suffix = found.groups()
-            # a folder with fewer shards than the count cannot be whole, so no more names than that are made
-            wanted |= {f"{stem}-{k:05d}-of-{count}{suffix}" for k in range(min(int(count), len(there) + 1))}
+    present = {path.name: path for path in paths}
+    expected = set(files)
+    for name in present:
+        if match := _NUMBERED.match(name):
+            stem, _, count, suffix = match.groups()
+            # one name more than there are shards shows that one is missing; a damaged count may be any number
+            expected |= {f"{stem}-{k:05d}-of-{count}{suffix}" for k in range(min(int(count), len(present) + 1))}
     folder = paths[0].parent
-    if whole and (missing := sorted(wanted - set(there))):
+    if whole and (missing := sorted(expected - set(present))):
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
         raise FileFormatError(f"{folder / missing[0]}{more}: the shard is missing; {_REMEDY}")
-    for name, path in there.items():
+    for name, path in present.items():
         if name not in files:
             if files:
                 raise FileFormatError(f"{path}: is not a shard that {facts} states; remove it from the folder")
@@ -91,8 +91,7 @@ def _footer(path: Path) -> bytes:
         if size < _FOOTER_END.size:
             return b""
         stream.seek(size - _FOOTER_END.size)
-        end = stream.read()
-        length, _ = _FOOTER_END.unpack(end)
+        length, _ = _FOOTER_END.unpack(stream.read())
         if length > size - _FOOTER_END.size:
             return b""
         stream.seek(size - _FOOTER_END.size - length)

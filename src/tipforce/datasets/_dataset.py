@@ -114,8 +114,8 @@ class Dataset:
 
     def sessions_among(self, known: Collection[str]) -> tuple[str, ...]:
         """Returns the sessions whose fingerprint is in ``known``, or whose name is if no fingerprint was stored."""
-        found = self.session_fingerprints.items()
-        return tuple(name for name, fingerprint in found if fingerprint in known or name in known)
+        items = self.session_fingerprints.items()
+        return tuple(name for name, fingerprint in items if fingerprint in known or name in known)
 
     @property
     def force_frames(self) -> set[str]:
@@ -142,11 +142,11 @@ class Dataset:
     def subset(self, index: IntArray | BoolArray) -> "Dataset":
         """Returns the samples at ``index`` (positions or a mask); the part shares the store and all derived values."""
         session = self.session[index]
-        left = set(session.tolist())
+        session_names = set(session.tolist())
         return replace(
             self,
             session=session,
-            session_info={name: info for name, info in self.session_info.items() if name in left},
+            session_info={name: info for name, info in self.session_info.items() if name in session_names},
             stamp_ns=self.stamp_ns[index],
             actuation={name: values[index] for name, values in self.actuation.items()},
             force_n=self.force_n[index],
@@ -197,15 +197,16 @@ class Dataset:
 
 
 def _fingerprints(session: npt.NDArray[np.str_], stamp_ns: IntArray, force_n: FloatArray) -> dict[str, str]:
-    """Returns session -> fingerprint, for samples in any order."""
-    names, number = np.unique(session, return_inverse=True)
-    order = np.lexsort((stamp_ns, number))
-    parts = np.split(order, np.searchsorted(number[order], np.arange(1, len(names))))
+    """Returns session -> fingerprint, for n samples in any order; see `Dataset.session_fingerprints`."""
+    names, session_index = np.unique(session, return_inverse=True)
+    order = np.lexsort((stamp_ns, session_index))  # by session, then by stamp
+    rows_of = np.split(order, np.searchsorted(session_index[order], np.arange(1, len(names))))
+    # an unknown component becomes the smallest integer
     micronewtons = np.where(np.isnan(force_n), np.iinfo(np.int64).min, np.rint(np.nan_to_num(force_n) * 1e6))
     labels = micronewtons.astype("<i8")
-    found: dict[str, str] = {}
-    for name, rows in zip(names.tolist(), parts, strict=True):
+    fingerprints: dict[str, str] = {}
+    for name, rows in zip(names.tolist(), rows_of, strict=True):
         digest = hashlib.sha256(stamp_ns[rows].astype("<i8").tobytes())
         digest.update(labels[rows].tobytes())
-        found[name] = digest.hexdigest()[:16]
-    return found
+        fingerprints[name] = digest.hexdigest()[:16]
+    return fingerprints

@@ -29,9 +29,9 @@ def dataset_at(path: Path) -> Dataset | None:
 
 def describe_dataset(dataset: Dataset) -> tuple[list[str], dict[str, Any]]:
     """Returns lines for people (samples, sessions, actuation, forces), and the same as JSON values."""
-    count = [int((dataset.session == name).sum()) for name in dataset.sessions]
-    each = f"{min(count)}" if min(count) == max(count) else f"{min(count)} to {max(count)}"
-    lines = [f"{dataset.title}: {len(dataset)} samples of {len(count)} sessions, {each} each"]
+    counts = [int((dataset.session == name).sum()) for name in dataset.sessions]
+    per_session = f"{min(counts)}" if min(counts) == max(counts) else f"{min(counts)} to {max(counts)}"
+    lines = [f"{dataset.title}: {len(dataset)} samples of {len(counts)} sessions, {per_session} each"]
     ranges = {name: _spread(values) for name, values in dataset.actuation.items() if np.isfinite(values).any()}
     forces = {"magnitude_n": dataset.magnitude_n}
     forces |= {f"f{'xyz'[axis]}_n": dataset.force_n[:, axis] for axis in np.flatnonzero(dataset.known).tolist()}
@@ -43,7 +43,7 @@ def describe_dataset(dataset: Dataset) -> tuple[list[str], dict[str, Any]]:
     figures = {
         "title": dataset.title,
         "samples": len(dataset),
-        "sessions": len(count),
+        "sessions": len(counts),
         "actuation": {name: dict(zip(_NAMES, values, strict=True)) for name, values in ranges.items()},
         "forces": {name: dict(zip(_NAMES, values, strict=True)) for name, values in spreads.items()},
     }
@@ -71,7 +71,7 @@ def session_images(
     for name in dataset.sessions:
         part = dataset.subset(np.flatnonzero(dataset.session == name)[::every])
         shown: list[tuple[str, Image]] = []
-        for own, each in zip(part.names_of(view).tolist(), part.observations(), strict=True):
-            if isinstance(image := each.views.get(view), np.ndarray):
-                shown.append((own, image))
+        for image_name, observation in zip(part.names_of(view).tolist(), part.observations(), strict=True):
+            if isinstance(image := observation.views.get(view), np.ndarray):
+                shown.append((image_name, image))
         yield dataset.session_info[name], calibration_images(dataset, name, view), shown

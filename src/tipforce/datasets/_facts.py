@@ -61,11 +61,11 @@ def read_facts(path: Path) -> FolderFacts:
         raise FileFormatError(f"{path}: files must be an object: name of a shard -> its size and checksum")
     if not isinstance(sessions, dict) or not all(isinstance(own, dict) for own in sessions.values()):
         raise FileFormatError(f"{path}: sessions must be an object: name -> its metadata")
-    known = {each.name for each in fields(SessionInfo)} - {"name"}
+    allowed = {each.name for each in fields(SessionInfo)} - {"name"}
     for key in shared:
-        if key not in known:
+        if key not in allowed:
             raise FileFormatError(
-                f"{path}: {key} is not known; it may hold title, view, sessions, files, {', '.join(sorted(known))}"
+                f"{path}: {key} is not known; it may hold title, view, sessions, files, {', '.join(sorted(allowed))}"
             )
     facts = FolderFacts(title, view, shared, sessions, str(path), files)
     session_info_of(facts, sessions or [""])  # reports wrong values here
@@ -82,11 +82,11 @@ def session_info_of(facts: FolderFacts, sessions: Iterable[str]) -> dict[str, Se
     Raises:
         InputError: a value has the wrong type or range.
     """
-    found: dict[str, SessionInfo] = {}
+    infos: dict[str, SessionInfo] = {}
     for name in sessions:
         values = merged_values(facts.shared, facts.sessions.get(name, {}))
-        found[name] = SessionInfo.from_values({**values, "name": name}, facts.path)
-    return found
+        infos[name] = SessionInfo.from_values({**values, "name": name}, facts.path)
+    return infos
 
 
 def facts_text(title: str, infos: Sequence[SessionInfo], view: str) -> str:
@@ -97,35 +97,35 @@ def facts_text(title: str, infos: Sequence[SessionInfo], view: str) -> str:
         infos: metadata of each session; values that all of them share are stated once.
         view: view of the column ``file_name``.
     """
-    known = [{key: value for key, value in info.values().items() if key != "name"} for info in infos]
-    shared = known[0]
-    for other in known[1:]:
-        shared = _common(shared, other)
-    own = {info.name: _beyond(values, shared) for info, values in zip(infos, known, strict=True)}
-    content = {"title": title, "view": view, **shared, "sessions": own}
+    stated = [{key: value for key, value in info.values().items() if key != "name"} for info in infos]
+    shared = stated[0]
+    for values in stated[1:]:
+        shared = _common(shared, values)
+    single = {info.name: _beyond(values, shared) for info, values in zip(infos, stated, strict=True)}
+    content = {"title": title, "view": view, **shared, "sessions": single}
     return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
 
 
-def _common(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the entries that both have with the same value."""
-    found: dict[str, Any] = {}
-    for key, value in a.items():
-        other = b.get(key)
-        if isinstance(value, dict) and isinstance(other, dict):
-            if inner := _common(value, other):
-                found[key] = inner
-        elif key in b and value == other:
-            found[key] = value
-    return found
+def _common(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the entries of two nested mappings that both have with the same value."""
+    common: dict[str, Any] = {}
+    for key, value in first.items():
+        second_value = second.get(key)
+        if isinstance(value, dict) and isinstance(second_value, dict):
+            if inner := _common(value, second_value):
+                common[key] = inner
+        elif key in second and value == second_value:
+            common[key] = value
+    return common
 
 
 def _beyond(values: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the entries of ``values`` that ``shared`` does not have."""
-    found: dict[str, Any] = {}
+    rest: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, dict) and isinstance(shared.get(key), dict):
             if inner := _beyond(value, shared[key]):
-                found[key] = inner
+                rest[key] = inner
         elif key not in shared:
-            found[key] = value
-    return found
+            rest[key] = value
+    return rest

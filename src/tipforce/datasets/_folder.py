@@ -52,6 +52,7 @@ def open_folder(folder: Path, table_name: str = METADATA) -> Dataset:
         raise TableError(f"{table.path}: expected either a column {FILE} or columns shape_NAME")
 
     def stored(stamps: IntArray, actuation: Mapping[str, FloatArray]) -> tuple[RowStore, dict[str, list[str]]]:
+        """Returns the store of the rows, and view -> name of each row's image; see `dataset_of`."""
         if shapes:
             values = np.column_stack([table.numbers(name) for name in shapes])
             names = tuple(name.removeprefix("shape_") for name in shapes)
@@ -60,12 +61,12 @@ def open_folder(folder: Path, table_name: str = METADATA) -> Dataset:
         paths = {facts.view if name == FILE else name.removesuffix(f"_{FILE}"): table.text(name) for name in files}
         crcs = {view: crc_column(view if len(paths) > 1 else "") for view in paths}
         stated = {view: table.text(column) for view, column in crcs.items() if column in table.columns}
-        return ImageFiles(stamps, actuation, _found(folder, table, paths), _masks(folder, paths), stated), paths
+        return ImageFiles(stamps, actuation, _images(folder, table, paths), _masks(folder, paths), stated), paths
 
     return dataset_of(table, facts, folder.resolve().name, [*files, *shapes], stored)
 
 
-def _found(folder: Path, table: Table, files: Mapping[str, list[str]]) -> dict[str, tuple[Path, ...]]:
+def _images(folder: Path, table: Table, files: Mapping[str, list[str]]) -> dict[str, tuple[Path, ...]]:
     """Returns view -> path of each row's image. Raises FileFormatError if one is missing or outside of ``folder``."""
     inside = InFolder(folder)
     return {
@@ -90,7 +91,7 @@ def write_dataset(
     overwrite: bool = False,
     progress: Callable[[str, float], None] | None = None,
 ) -> Path:
-    """Writes ``dataset`` as a dataset folder that `open_dataset` reads; images are written lossless, as PNG.
+    """Writes a dataset folder that `open_dataset` reads, and returns its path; images are written lossless, as PNG.
 
     Either all of it is written or nothing: the new folder is written beside ``folder`` and renamed at the end.
 
@@ -99,9 +100,6 @@ def write_dataset(
         folder: the new folder.
         overwrite: whether ``folder`` may be replaced; only a dataset folder is.
         progress: gets a text and the share that is done, 0 to 1.
-
-    Returns:
-        The path of the folder.
 
     Raises:
         InputError: ``folder`` exists already and is not replaced, or there are no samples.
@@ -125,6 +123,7 @@ def cell(value: Any) -> str:
 
 
 def _refuse(folder: Path, *, overwrite: bool) -> None:
+    """Raises InputError where ``folder`` exists and may not be replaced, or is no dataset folder."""
     if not folder.exists():
         return
     if not overwrite:
@@ -161,17 +160,18 @@ def _write_rows(dataset: Dataset, part: Path, progress: Callable[[str, float], N
 
 def _write_views(dataset: Dataset, observation: Observation, part: Path, row: int) -> dict[str, str | float]:
     """Writes the images of one row; returns column -> cell for them, or for the shape numbers."""
-    found: dict[str, str | float] = {}
+    cells: dict[str, str | float] = {}
     several = len(observation.views) > 1
     for name, view in observation.views.items():
         if not isinstance(view, ShapeFeatures):
-            own = name if several else ""
-            found[f"{name}_{FILE}" if several else FILE], found[crc_column(own)] = _write_image(view, part, row, own)
+            suffix = name if several else ""
+            file_name, crc = _write_image(view, part, row, suffix)
+            cells |= {f"{name}_{FILE}" if several else FILE: file_name, crc_column(suffix): crc}
         elif several:
             raise InputError(f"{dataset.title}: a dataset folder holds shape numbers of one view only")
         else:
-            found |= zip([f"shape_{number}" for number in view.names], view.values.tolist(), strict=True)
-    return found
+            cells |= zip([f"shape_{number}" for number in view.names], view.values.tolist(), strict=True)
+    return cells
 
 
 def _write_image(image: Image, part: Path, row: int, view: str) -> tuple[str, str]:

@@ -259,8 +259,8 @@ class GrowingShards(Growing):
     def __init__(self, folder: Path, sessions: int, per_session: int) -> None:
         super().__init__(folder, sessions)
         arrow()  # a missing package is reported now
-        self._each = max(1, MAX_SHARD_SAMPLES // per_session)
-        self._shards = -(-sessions // self._each)
+        self._per_shard = max(1, MAX_SHARD_SAMPLES // per_session)
+        self._shards = -(-sessions // self._per_shard)  # rounded up
 
     def _part(self, number: int) -> Path:
         return self.parts / f"{number:07d}{SUFFIX}"
@@ -270,7 +270,7 @@ class GrowingShards(Growing):
 
     def has(self, number: int) -> bool:
         """Returns whether the session of this number was added."""
-        return self._part(number).exists() or self._shard(number // self._each).exists()
+        return self._part(number).exists() or self._shard(number // self._per_shard).exists()
 
     def add(self, number: int, samples: SessionSamples) -> None:
         """Writes one session as a file of its own; see `Growing.add`."""
@@ -305,7 +305,8 @@ class GrowingShards(Growing):
         """Writes shard by shard; the files of the sessions are removed when their shard is complete."""
         _, parquet = arrow()
         for shard in range(self._shards):
-            parts = [self._part(n) for n in range(shard * self._each, min((shard + 1) * self._each, self.sessions))]
+            first = shard * self._per_shard
+            parts = [self._part(number) for number in range(first, min(first + self._per_shard, self.sessions))]
             target = self._shard(shard)
             if not target.exists():
                 part = self.parts / f"{target.name}.part"

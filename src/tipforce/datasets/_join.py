@@ -71,10 +71,8 @@ def join(datasets: Sequence[Dataset]) -> Dataset:
     """Returns the samples of all ``datasets``, one dataset after the other.
 
     If two sessions have the same name and different content, the later one gets a number behind its name. Actuation and
-    views that a dataset does not have are absent in its samples; `Dataset.remarks` of the result states this.
-
-    Raises:
-        InputError: two datasets know different components of the force, or have the same session.
+    views that a dataset does not have are absent in its samples; `Dataset.remarks` of the result states this. Raises
+    InputError where two datasets know different components of the force, or have the same session.
     """
     if len(datasets) == 1:
         return datasets[0]
@@ -113,11 +111,14 @@ def join(datasets: Sequence[Dataset]) -> Dataset:
 
 
 def _with_different_names(datasets: Sequence[Dataset]) -> tuple[list[Dataset], list[str]]:
-    """Returns ``datasets`` with different session names, and a sentence for each session that was renamed."""
-    owner: dict[str, tuple[str, str]] = {}
+    """Returns ``datasets`` with different session names, and a sentence for each session that was renamed.
+
+    Raises InputError where two datasets have a session of the same name and content.
+    """
+    owner: dict[str, tuple[str, str]] = {}  # session -> title of its dataset, fingerprint of its content
     separate: list[Dataset] = []
     remarks: list[str] = []
-    taken = {session for dataset in datasets for session in dataset.sessions}
+    used_names = {session for dataset in datasets for session in dataset.sessions}
     for dataset in datasets:
         names: dict[str, str] = {}
         for session, fingerprint in dataset.session_fingerprints.items():
@@ -128,9 +129,9 @@ def _with_different_names(datasets: Sequence[Dataset]) -> tuple[list[Dataset], l
                     "name it once"
                 )
             if content:
-                name = next(new for k in count(2) if (new := f"{session} ({k})") not in taken)
+                name = next(new for k in count(2) if (new := f"{session} ({k})") not in used_names)
                 names[session] = name
-                taken.add(name)
+                used_names.add(name)
                 remarks.append(f"{session} of {dataset.title} is called {name}, because {title} has a {session} too")
             owner[names.get(session, session)] = dataset.title, fingerprint
         separate.append(_renamed(dataset, names) if names else dataset)

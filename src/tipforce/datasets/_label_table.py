@@ -78,16 +78,16 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
     session = np.array(table.text("session") if "session" in table.columns else [name] * len(table))
     for row in np.flatnonzero(session == "").tolist():
         raise TableError(f"{table.path}, {table.place(row)}, column session: is empty")
-    _, first, number = np.unique(session, return_index=True, return_inverse=True)
+    _, first_row, session_index = np.unique(session, return_index=True, return_inverse=True)
     stamps = table.stamps_ns()
     if stamps is None:
-        stamps = _numbered(number)
-    appearance = np.argsort(np.argsort(first))[number]  # sessions in the order of their first rows
+        stamps = _numbered(session_index)
+    appearance = np.argsort(np.argsort(first_row))[session_index]  # sessions in the order of their first rows
     order = np.lexsort((stamps, appearance))
-    sessions = [str(session[row]) for row in np.sort(first).tolist()]
+    sessions = [str(session[row]) for row in np.sort(first_row).tolist()]
     ends = np.searchsorted(appearance[order], np.arange(1, len(sessions)))
-    for own, part in zip(sessions, np.split(stamps[order], ends), strict=True):
-        check_stamps(str(table.path), own, part)
+    for session_name, session_stamps in zip(sessions, np.split(stamps[order], ends), strict=True):
+        check_stamps(str(table.path), session_name, session_stamps)
     force = np.full((len(table), 3), np.nan)
     for axis in np.flatnonzero(measured).tolist():
         force[:, axis] = table.numbers(FORCES[axis])
@@ -100,8 +100,8 @@ def dataset_of(table: LabelTable, facts: FolderFacts, name: str, views: Sequence
     actuation = {column: table.numbers(column, may_be_empty=True) for column in _actuation(table, views)}
     for column, values in actuation.items():
         check_actuation(table, column, values)
-    store, named = stored(stamps, actuation)
-    names = {view: np.array(own)[order] for view, own in named.items()}
+    store, image_names = stored(stamps, actuation)
+    names = {view: np.array(view_names)[order] for view, view_names in image_names.items()}
     return Dataset(
         store=store,
         session=session[order],
@@ -127,8 +127,12 @@ def _numbered(session: IntArray) -> IntArray:
 
 
 def _actuation(table: LabelTable, views: Sequence[str]) -> list[str]:
-    taken = {"session", *table.time_columns(), *FORCES, *views}
-    names = [name for name in table.columns if name not in taken and name.split("_")[0] != "note"]
+    """Returns the columns with readings of drives; ``views`` are the columns of the views.
+
+    Raises TableError for a column without a unit, and for a force that would be left out.
+    """
+    other_columns = {"session", *table.time_columns(), *FORCES, *views}
+    names = [name for name in table.columns if name not in other_columns and name.split("_")[0] != "note"]
     for name in names:
         if is_force(name) and name[0].lower() == "f":
             raise TableError(
@@ -154,8 +158,8 @@ def check_stamps(where: str, session: str, stamps: IntArray) -> None:
     Raises:
         TimeError: two samples have the same stamp.
     """
-    same = np.flatnonzero(np.diff(stamps) == 0)
-    if len(same):
+    repeats = np.flatnonzero(np.diff(stamps) == 0)
+    if len(repeats):
         raise TimeError(
-            f"{where}: session {session} has two samples with the stamp {int(stamps[same[0]])} ns; give each its own"
+            f"{where}: session {session} has two samples with the stamp {int(stamps[repeats[0]])} ns; give each its own"
         )

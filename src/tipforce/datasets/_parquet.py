@@ -54,6 +54,7 @@ def open_shards(paths: Sequence[Path], name: str, *, whole: bool = False) -> Dat
         raise TableError(f"{paths[0]}: has no column of images (structs of bytes and path, such as {IMAGE!r})")
 
     def stored(stamps: IntArray, actuation: Mapping[str, FloatArray]) -> tuple[RowStore, dict[str, list[str]]]:
+        """Returns the store of the rows, and view -> name of each row's image; see `dataset_of`."""
         views = {facts.view if column == IMAGE else column: column for column in table.images}
         return Shards(stamps, actuation, tuple(paths), table.ends, views), {
             view: table.names(column) for view, column in views.items()
@@ -66,6 +67,7 @@ class ShardTable:
     """All columns of the shards except the images, as `LabelTable`; ``ends`` (shards,): rows up to each end."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
+        """Reads all columns but the images of the shards; raises TableError where their columns differ."""
         self.path = paths[0]
         self._paths = tuple(paths)
         schemas = [_opened(path).schema_arrow for path in paths]
@@ -94,9 +96,9 @@ class ShardTable:
 
     def names(self, column: str) -> list[str]:
         """Returns the (n,) names of the images of ``column``."""
-        leaf = f"{column}.path"
-        found = [_read(path, [leaf]).column(0).combine_chunks().field("path").to_pylist() for path in self._paths]
-        return [name or self.place(row) for row, name in enumerate(itertools.chain(*found))]
+        tables = [_read(path, [f"{column}.path"]) for path in self._paths]
+        names = itertools.chain(*(t.column(0).combine_chunks().field("path").to_pylist() for t in tables))
+        return [name or self.place(row) for row, name in enumerate(names)]
 
     def text(self, name: str) -> list[str]:
         """Returns the cells of one column."""
@@ -160,22 +162,23 @@ class Shards(Table):
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         """Yields the observations of ``rows``, in the given order; one row group is in memory at a time."""
-        file, current, groups = None, -1, np.empty(0, np.int64)
+        # the open shard, the numbers of its rows up to the end of each row group, and the group in memory
+        file, open_shard, group_ends = None, -1, np.empty(0, np.int64)
         group, images = -1, {}
         try:
             for row in rows.tolist():
                 shard = int(np.searchsorted(self.ends, row, side="right"))
-                if shard != current:
+                if shard != open_shard:
                     if file is not None:
                         file.close()
-                    file, current, group = _opened(self.paths[shard]), shard, -1
+                    file, open_shard, group = _opened(self.paths[shard]), shard, -1
                     counts = [file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)]
-                    groups = np.cumsum(counts)
+                    group_ends = np.cumsum(counts)
                 shard_row = row - (int(self.ends[shard - 1]) if shard else 0)
-                wanted = int(np.searchsorted(groups, shard_row, side="right"))
-                if wanted != group:
-                    group, images = wanted, _images(file, wanted, self.columns, self.paths[shard])
-                group_row = shard_row - (int(groups[group - 1]) if group else 0)
+                needed_group = int(np.searchsorted(group_ends, shard_row, side="right"))
+                if needed_group != group:
+                    group, images = needed_group, _images(file, needed_group, self.columns, self.paths[shard])
+                group_row = shard_row - (int(group_ends[group - 1]) if group else 0)
                 where = f"{self.paths[shard]}, row {shard_row}"
                 views = {
                     view: decode_image(cells[group_row].as_py() or b"", where, self._depths[view])

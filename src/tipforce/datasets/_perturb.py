@@ -139,8 +139,8 @@ class Perturbation:
         """
         angle = np.radians(self.force_turn_deg)
         x, y = force_n[:, 0], force_n[:, 1]
-        turned = np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
-        return np.column_stack([*turned, force_n[:, 2]]) if self.force_turn_deg else force_n
+        rotated = np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
+        return np.column_stack([*rotated, force_n[:, 2]]) if self.force_turn_deg else force_n
 
 
 def _standard_perturbations() -> Iterator[Perturbation]:
@@ -194,8 +194,10 @@ def perturbed(dataset: Dataset, perturbation: Perturbation, seed: int = 0) -> Da
 
 def in_memory(dataset: Dataset) -> Dataset:
     """Returns ``dataset`` with its observations in memory, for repeated reading."""
-    kept = dict(zip(dataset.rows.tolist(), dataset.observations(), strict=True))
-    return replace(dataset, store=_InMemory(kept), whole=None, _memo={}, _fingerprints=dataset.session_fingerprints)
+    observations = dict(zip(dataset.rows.tolist(), dataset.observations(), strict=True))
+    return replace(
+        dataset, store=_InMemory(observations), whole=None, _memo={}, _fingerprints=dataset.session_fingerprints
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,10 +217,10 @@ class _Perturbed:
 
     def read(self, rows: IntArray) -> Iterator[Observation]:
         for row, observation in zip(rows.tolist(), self.store.read(rows), strict=True):
-            views = {name: self._seen(view, row) for name, view in observation.views.items()}
+            views = {name: self._changed(view, row) for name, view in observation.views.items()}
             yield replace(observation, views=views)
 
-    def _seen(self, view: View, row: int) -> View:
+    def _changed(self, view: View, row: int) -> View:
         if isinstance(view, ShapeFeatures):
             raise InputError(f"{self.title}: holds ready-made shape numbers, and only images can be perturbed")
         return self.operation(view, (self.seed, row))

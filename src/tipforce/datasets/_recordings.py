@@ -33,7 +33,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, view: str | None = Non
     actuation: list[dict[str, FloatArray]] = []
     infos: dict[str, SessionInfo] = {}
     remarks: list[str] = []
-    known, some = np.ones(3, np.bool_), np.zeros(3, np.bool_)
+    known, known_in_some = np.ones(3, np.bool_), np.zeros(3, np.bool_)  # components of the force
     with RecordingReader(paths[0]) as reader:
         views = reader.views or (DEFAULT_VIEW,)
         views = tuple(sorted(views, key=lambda name: name != view))  # the other views stay in their order
@@ -45,18 +45,19 @@ def open_recordings(paths: Sequence[Path], title: str, *, view: str | None = Non
             opened.append(path)
             for stream in (*views, force):
                 if stream not in reader.info.streams:
-                    there = ", ".join(reader.info.streams) or "none"
-                    raise InputError(f"{path}: to train on it, a recording needs a stream {stream!r}; it has {there}")
-            found = labels(reader, camera=views[0], force=force)
-            rows = np.flatnonzero(np.isfinite(found.force_n[:, found.known]).all(axis=1) & found.known.any())
-            known, some = known & found.known, some | found.known
-            if len(rows) < len(found.stamp_ns):
-                count = len(found.stamp_ns)
+                    present = ", ".join(reader.info.streams) or "none"
+                    raise InputError(f"{path}: to train on it, a recording needs a stream {stream!r}; it has {present}")
+            session_labels = labels(reader, camera=views[0], force=force)
+            session_stamps, force_known = session_labels.stamp_ns, session_labels.known
+            has_force = np.isfinite(session_labels.force_n[:, force_known]).all(axis=1) & force_known.any()
+            rows, count = np.flatnonzero(has_force), len(session_stamps)
+            known, known_in_some = known & force_known, known_in_some | force_known
+            if len(rows) < count:
                 remarks.append(f"{path.name}: {count - len(rows)} of {count} frames have no force, and are left out")
-            stamps.append(found.stamp_ns[rows])
-            forces.append(found.force_n[rows])
+            stamps.append(session_stamps[rows])
+            forces.append(session_labels.force_n[rows])
             frames.append(rows)
-            actuation.append(reader.actuation_at(found.stamp_ns[rows]))
+            actuation.append(reader.actuation_at(session_stamps[rows]))
             info = reader.session_info
             name = info.name if info.name not in infos else f"{info.name} ({path.stem})"
             infos[name] = replace(info, name=name)
@@ -67,7 +68,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, view: str | None = Non
     force_n[:, ~known] = np.nan
     remarks += [
         f"f{'xyz'[axis]} is left out, because it is known in some of the recordings only"
-        for axis in np.flatnonzero(some & ~known).tolist()
+        for axis in np.flatnonzero(known_in_some & ~known).tolist()
     ]
     names = dict.fromkeys(name for values in actuation for name in values)
     gathered = {
@@ -82,7 +83,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, view: str | None = Non
     recording, frame = np.repeat(np.arange(len(opened)), counts), np.concatenate(frames)
     stamp_ns = np.concatenate(stamps)
     pairs = zip(recording.tolist(), frame.tolist(), strict=True)
-    frame_names = [f"{opened[k].name} frame {i}" for k, i in pairs]
+    frame_names = [f"{opened[path_index].name} frame {number}" for path_index, number in pairs]
     return Dataset(
         store=Recordings(stamp_ns, gathered, tuple(opened), recording, frame, views[0], views[1:]),
         session=np.repeat(list(infos), counts),

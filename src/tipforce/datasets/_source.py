@@ -33,25 +33,26 @@ class DatasetSource(ClosedAtExit):
         actuation: Mapping[str, float] | None = None,
         stated: SessionInfo | None = None,
     ) -> None:
+        """Joins metadata and drives of the samples with the stated ones; see the class for the arguments."""
         stated = stated or SessionInfo()
         (name,) = dataset.sessions
-        own = {drive for drive, values in dataset.actuation.items() if np.isfinite(values).any()}
-        if clash := own & set(actuation or {}):
+        recorded = {drive for drive, values in dataset.actuation.items() if np.isfinite(values).any()}
+        if clash := recorded & set(actuation or {}):
             raise InputError(f"{path}: has a column {min(clash)!r} already; do not state it a second time")
-        self.path, self.frame_count, self._dataset, self._own = path, len(dataset), dataset, own
+        self.path, self.frame_count, self._dataset, self._recorded = path, len(dataset), dataset, recorded
         self.views = dataset.views
         self.session_info = dataset.session_info[name].updated(stated)
         constant = self.session_info.actuation.constant.items()
-        self._constant = {drive: value for drive, value in constant if drive not in own} | dict(actuation or {})
+        self._constant = {drive: value for drive, value in constant if drive not in recorded} | dict(actuation or {})
 
     def lacks(self, names: Iterable[str]) -> list[str]:
         """Returns those ``names`` of the actuation for which there is no reading."""
-        return [name for name in names if name not in self._constant and name not in self._own]
+        return [name for name in names if name not in self._constant and name not in self._recorded]
 
     def readings(self, name: str) -> FloatArray:
         """Returns the (n,) readings of the drive ``name``."""
         stated = self._constant.get(name, ())
-        values = np.asarray(self._dataset.actuation[name] if name in self._own else stated, np.float64).ravel()
+        values = np.asarray(self._dataset.actuation[name] if name in self._recorded else stated, np.float64).ravel()
         return values[np.isfinite(values)]
 
     def file_names(self, view: str) -> Mapping[int, str]:
@@ -129,6 +130,7 @@ def open_source(
 
 
 def _chosen(path: Path, sessions: Iterable[str], wanted: str | None) -> str:
+    """Returns the session ``wanted``, or the only one. Raises FileFormatError without sessions, else InputError."""
     names = list(sessions)
     if not names:
         raise FileFormatError(f"{path}: holds no session")

@@ -65,9 +65,6 @@ def random_folds(dataset: Dataset, k: int = 4, seed: int = 0) -> list[Split]:
         k: number of folds.
         seed: seed of the shuffle.
 
-    Returns:
-        ``k`` splits.
-
     Raises:
         InputError: there are fewer rows than folds.
     """
@@ -85,9 +82,6 @@ def blocked_folds(dataset: Dataset, k: int = 4, gap_s: float = 1.0) -> list[Spli
         dataset: the dataset.
         k: number of blocks and folds.
         gap_s: training rows nearer than this to the held-out block of their session are left out.
-
-    Returns:
-        ``k`` splits.
 
     Raises:
         InputError: a session has fewer rows than ``k``, or the gaps leave no training rows.
@@ -161,24 +155,29 @@ def session_folds(dataset: Dataset, k: int | None = None, seed: int = 0) -> list
 
 
 def _folds(name: str, count: int, held: list[IntArray]) -> list[Split]:
+    """Returns a split for each held-out part of ``count`` rows; the other rows train."""
     rest = [np.setdiff1d(np.arange(count), test, assume_unique=True) for test in held]
     return [Split(f"{name} {i + 1}", train, test) for i, (train, test) in enumerate(zip(rest, held, strict=True))]
 
 
 def _blocked(dataset: Dataset, name: str, held: list[tuple[IntArray, IntArray]], gap_s: float) -> Split:
+    """Returns the split that holds one block of each session out; ``held``: rows of a session, rows of its block.
+
+    Rows within ``gap_s`` before or after a block are in no part. Raises InputError where none is left to train on.
+    """
     train: list[IntArray] = []
     for rows, test in held:
         stamps = dataset.stamp_ns[rows]
         first, last = dataset.stamp_ns[test[0]], dataset.stamp_ns[test[-1]]
-        away = np.maximum(first - stamps, stamps - last)
-        train.append(rows[(away > gap_s * 1e9) & ~np.isin(rows, test)])
-    kept = np.concatenate(train)
-    if not len(kept):
+        distance_ns = np.maximum(first - stamps, stamps - last)
+        train.append(rows[(distance_ns > gap_s * 1e9) & ~np.isin(rows, test)])
+    train_rows = np.concatenate(train)
+    if not len(train_rows):
         raise InputError(
             f"{dataset.title}: its {len(dataset)} samples leave none to train on once blocks are held out with a "
             f'gap of {gap_s:g} s; record longer sessions, or use protocol="random"'
         )
-    return Split(name, np.sort(kept), np.sort(np.concatenate([test for _, test in held])))
+    return Split(name, np.sort(train_rows), np.sort(np.concatenate([test for _, test in held])))
 
 
 def _rows_by_session(dataset: Dataset) -> list[IntArray]:
@@ -265,7 +264,7 @@ def catheter_splits(dataset: Dataset) -> list[Split]:
     groups: dict[Catheter, list[str]] = {}
     for name in dataset.sessions:
         groups.setdefault(dataset.session_info[name].catheter, []).append(name)
-    found = [
+    per_catheter = [
         Split(
             f"{catheter.name}, trained on {first}",
             np.flatnonzero(dataset.session == first),
@@ -274,12 +273,12 @@ def catheter_splits(dataset: Dataset) -> list[Split]:
         for catheter, (first, *others) in groups.items()
         if others
     ]
-    if not found:
+    if not per_catheter:
         raise InputError(
             f"{dataset.title}: the catheter protocol trains on the first session of a catheter and tests on its "
             f'others, but each of the {len(groups)} catheters has a single one; record more, or use protocol="random"'
         )
-    return found
+    return per_catheter
 
 
 def splits(

@@ -28,7 +28,7 @@ class Table:
     actuation: Mapping[str, FloatArray]
 
     def _observation(self, row: int, views: Mapping[str, View]) -> Observation:
-        actuation = {name: float(values[row]) for name, values in self.actuation.items() if values[row] == values[row]}
+        actuation = {name: float(values[row]) for name, values in self.actuation.items() if not np.isnan(values[row])}
         return Observation(int(self.stamp_ns[row]), views, actuation)
 
 
@@ -158,9 +158,10 @@ class Recordings(Table):
                 reader.close()
 
     def _other_views(self, reader: RecordingReader, row: int) -> dict[str, View]:
-        found: dict[str, View] = {}
+        """Returns view -> image of the same instant, for those of ``others`` that have one."""
+        images: dict[str, View] = {}
         for view in self.others:
             index = int(nearest_frames(self.stamp_ns[row : row + 1], reader.stamps(view))[0])
             if index >= 0:
-                found[view] = reader.frame_at(index, view).image
-        return found
+                images[view] = reader.frame_at(index, view).image
+        return images

@@ -13,7 +13,7 @@ from ._evaluate import Evaluation
 LOAD_BINS_N = (0.0, 0.025, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6)
 """Edges of the bins of the measured magnitude in which errors are drawn over the load."""
 
-_LEAST = 10
+_MIN_SAMPLES = 10
 """A bin with fewer samples is left out: its mean error is too uncertain."""
 
 SENSOR_MAE_N = {
@@ -62,7 +62,7 @@ def _by_load(reference: FloatArray, estimate: FloatArray) -> list[dict[str, Any]
     bins: list[dict[str, Any]] = []
     for low, high in pairwise(LOAD_BINS_N):
         inside = (reference >= low) & (reference < high) & np.isfinite(estimate)
-        if inside.sum() >= _LEAST:
+        if inside.sum() >= _MIN_SAMPLES:
             error = estimate[inside] - reference[inside]
             bins.append({
                 "from_n": low, "below_n": high, "mean_n": float(reference[inside].mean()), "samples": int(inside.sum()),

@@ -41,17 +41,13 @@ class Constant(Estimator):
         self.estimate_: ForceEstimate | None = None
 
     def fit(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Takes the means of the labels; see `Estimator.fit`.
-
-        Raises:
-            InputError: ``dataset`` has no samples.
-        """
+        """Takes the means of the labels; see `Estimator.fit`. Raises InputError without samples."""
         if not len(dataset):
             raise InputError("the constant predictor got no samples to take the mean of; give it at least one")
-        known = np.asarray(dataset.known)
+        known = np.asarray(dataset.known)  # (3,) axes that the sensor measures
         force, magnitude = dataset.force_n, dataset.magnitude_n
-        square = np.outer(known, known)
-        covariance = np.where(square, np.cov(np.nan_to_num(force), rowvar=False, bias=True), math.nan)
+        both_known = np.outer(known, known)
+        covariance = np.where(both_known, np.cov(np.nan_to_num(force), rowvar=False, bias=True), math.nan)
         self.estimate_ = ForceEstimate(
             stamp_ns=0, force_n=np.where(known, np.mean(force, axis=0), math.nan), known=known,
             covariance_n2=covariance, interval_n=np.full((3, 2), math.nan), magnitude_n=float(magnitude.mean()),
@@ -62,16 +58,10 @@ class Constant(Estimator):
         return self.calibrate(dataset)
 
     def calibrate(self, dataset: Dataset, progress: Progress | None = None) -> Self:
-        """Takes the quantiles of the labels; see `Estimator.calibrate`.
-
-        Raises:
-            NotFittedError: `fit` was not called.
-        """
-        if self.estimate_ is None:
-            raise NotFittedError("the constant predictor has no mean yet; call fit first")
+        """Takes the quantiles of the labels; see `Estimator.calibrate`. Raises NotFittedError before `fit`."""
         band = np.quantile(np.nan_to_num(dataset.force_n), (0.05, 0.95), axis=0).T
         self.estimate_ = replace(
-            self.estimate_,
+            self._fitted(),
             interval_n=np.where(np.asarray(dataset.known)[:, None], band, math.nan),
             magnitude_interval_n=np.quantile(dataset.magnitude_n, (0.05, 0.95)),
         )
@@ -81,9 +71,7 @@ class Constant(Estimator):
 
     def start(self, info: SessionInfo, images: Sequence[Image] = ()) -> Stream:  # noqa: ARG002 - always the same
         """Starts a stream that gives the same estimate every time; see `Estimator.start`."""
-        if self.estimate_ is None:
-            raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        return _ConstantStream(self.estimate_)
+        return _ConstantStream(self._fitted())
 
     def predict(
         self,
@@ -91,9 +79,12 @@ class Constant(Estimator):
         progress: Callable[[float], None] | None = None,  # noqa: ARG002 - it takes no time
     ) -> list[ForceEstimate]:
         """Returns the same estimate for each sample, without reading an image; see `Estimator.predict`."""
+        return [replace(self._fitted(), stamp_ns=stamp) for stamp in dataset.stamp_ns.tolist()]
+
+    def _fitted(self) -> ForceEstimate:
         if self.estimate_ is None:
             raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        return [replace(self.estimate_, stamp_ns=stamp) for stamp in dataset.stamp_ns.tolist()]
+        return self.estimate_
 
     def unfitted(self) -> Self:
         """Returns a constant predictor without its mean."""
@@ -101,9 +92,7 @@ class Constant(Estimator):
 
     def state(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         """Returns the means and quantiles."""
-        if self.estimate_ is None:
-            raise NotFittedError("the constant predictor has no mean yet; call fit first")
-        estimate = self.estimate_
+        estimate = self._fitted()
         arrays: dict[str, npt.NDArray[Any]] = {
             "force_n": estimate.force_n,
             "known": estimate.known,
@@ -122,10 +111,10 @@ class Constant(Estimator):
         files: Mapping[str, bytes] | None = None,  # noqa: ARG003 (it leaves none)
     ) -> Self:
         """Makes a fitted predictor from the result of `state`; see `Estimator.from_state`."""
-        made = cls(_NoSettings.model_validate(dict(settings)))
-        made.estimate_ = ForceEstimate(
+        predictor = cls(_NoSettings.model_validate(dict(settings)))
+        predictor.estimate_ = ForceEstimate(
             stamp_ns=0, magnitude_n=float(values["magnitude_n"]), force_n=arrays["force_n"], known=arrays["known"],
             covariance_n2=arrays["covariance_n2"], interval_n=arrays["interval_n"],
             magnitude_interval_n=arrays["magnitude_interval_n"],
         )  # fmt: skip
-        return made
+        return predictor

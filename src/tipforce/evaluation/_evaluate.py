@@ -159,6 +159,7 @@ def evaluate(
     _check_inputs(dataset, methods, settings, truth_n, bounds)
     methods = [method.for_dataset(dataset) for method in methods]
     everything, whole_truth_n = dataset, truth_n
+    # under "thesis" the protocol itself draws the samples
     dataset = every_nth(everything, settings.every) if settings.every != 1 else everything
     if settings.samples is not None and "thesis" not in (settings.protocols or ()):
         dataset = random_subset(dataset, settings.samples, settings.seed)
@@ -176,7 +177,7 @@ def evaluate(
     timing: dict[str, dict[str, Any]] = {}
     for method in methods:
         first_fit = next(each for each in results if each.method == method.label).fits[0]
-        if len(rows := first_fit.split.train):
+        if len(rows := first_fit.split.train):  # none for a saved model
             fitted[method.label] = collect(
                 method.label, first_fit.protocol, first_fit.split.name, dataset, rows,
                 first_fit.estimator.predict(dataset.subset(rows)), data.contact,
@@ -303,12 +304,12 @@ def _perturbed(
     """Returns method -> lines of the table of perturbations; a saved model is used as it is."""
     constant = evaluation.result(Constant.name, evaluation.strictest)
     assert constant is not None
-    found: dict[str, list[dict[str, Any]]] = {}
+    lines: dict[str, list[dict[str, Any]]] = {}
     for method in evaluation.methods:
         result = evaluation.result(method.label, AS_SAVED) or evaluation.result(method.label, evaluation.strictest)
         assert result is not None
-        found[method.label] = perturbed_metrics(method, result, constant, data, frames=frames, progress=progress)
-    return found
+        lines[method.label] = perturbed_metrics(method, result, constant, data, frames=frames, progress=progress)
+    return lines
 
 
 def time_per_frame(estimator: Estimator, dataset: Dataset, frames: int = 300) -> dict[str, Any]:

@@ -54,24 +54,24 @@ class KeptFits:
             The fitted method and the seconds that this took. A fit that an earlier run kept is loaded in its place.
         """
         training = dataset.subset(split.train)
-        apart = dataset.subset(split.calibrate) if len(split.calibrate) else None
+        calibration = dataset.subset(split.calibrate) if len(split.calibrate) else None
         fresh, began = method.estimator.unfitted(), time.perf_counter()
         if self.folder is None:
-            fitted = _calibrated(fresh.fit(training, progress), apart, progress)
+            fitted = _calibrated(fresh.fit(training, progress), calibration, progress)
             return fitted, time.perf_counter() - began
-        model = self.folder / _identity(method, training, apart)
+        model = self.folder / _identity(method, training, calibration)
         self.used.append(model)
         if model.is_dir():
             return load_model(model), float(read_manifest(model)["metrics"]["seconds"])
-        resume = training_started(model)
+        resume = training_started(model)  # a network that was cut off goes on at its last epoch
         with run_directory(fresh, model, resume=resume, advice="") as run:
             if isinstance(fresh, FineTunable):
                 fitted = fresh.fit_resumable(training, progress, folder=run, resume=resume)
             else:
                 fitted = fresh.fit(training, progress)
-            fitted = _calibrated(fitted, apart, progress)
+            fitted = _calibrated(fitted, calibration, progress)
             seconds = time.perf_counter() - began
-            save_model(fitted, model, training, {"seconds": seconds}, calibration=apart)
+            save_model(fitted, model, training, {"seconds": seconds}, calibration=calibration)
         return fitted, seconds
 
     def fit_elsewhere(
@@ -126,18 +126,18 @@ def kept_fits(folder: Path) -> Generator[KeptFits]:
             folder.rmdir()
 
 
-def _calibrated(fitted: Estimator, apart: Dataset | None, progress: Progress) -> Estimator:
-    return fitted if apart is None else fitted.calibrate(apart, progress)
+def _calibrated(fitted: Estimator, calibration: Dataset | None, progress: Progress) -> Estimator:
+    return fitted if calibration is None else fitted.calibrate(calibration, progress)
 
 
-def _identity(method: Method, training: Dataset, apart: Dataset | None) -> str:
+def _identity(method: Method, training: Dataset, calibration: Dataset | None) -> str:
     """Returns 16 hexadecimal digits of everything in a fit: method, settings, first weights, samples, metadata."""
     digest = hashlib.sha256()
     for part in (
         method.estimator.name,
         method.estimator.settings.model_dump_json(),
         method.initial_sha256,
-        *(text for data in (training, apart) if data is not None for text in _content(data)),
+        *(text for data in (training, calibration) if data is not None for text in _content(data)),
     ):
         digest.update(part.encode() + b"\0")
     return digest.hexdigest()[:16]

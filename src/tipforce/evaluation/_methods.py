@@ -75,36 +75,36 @@ def methods_from(
         InputError: A name is neither a model nor a method.
         ModelError: A folder holds no whole model.
     """
-    made: list[Method] = []
+    methods: list[Method] = []
     for model in models:
         folder = located(model)
         if folder.is_dir() and (model not in ESTIMATORS or (folder / "model.json").is_file()):
-            made.append(_saved(model))
+            methods.append(_saved(model))
         elif model in ESTIMATORS:
             estimator = _learning_from_the_rest(create(model, (settings or {}).get(model)))
-            begin = load_initial_model(estimator, init_from)
-            if isinstance(estimator, FineTunable) and begin is not None:
-                estimator = estimator.fine_tuned_from(begin)
+            initial = load_initial_model(estimator, init_from)
+            if isinstance(estimator, FineTunable) and initial is not None:
+                estimator = estimator.fine_tuned_from(initial)
             folder = None if init_from is None else initial_model_folder(estimator, init_from)
-            made.append(
+            methods.append(
                 Method(
                     model,
                     estimator,
-                    trained_sessions=begin.training_sessions if begin else estimator.training_sessions,
+                    trained_sessions=initial.training_sessions if initial else estimator.training_sessions,
                     initial_sha256="" if folder is None else str(read_manifest(folder)["sha256"]["model.json"]),
                 )
             )
         else:
-            known = ", ".join(ESTIMATORS)
+            listed = ", ".join(ESTIMATORS)
             raise InputError(
-                f"{model}: is neither the folder of a saved model nor a method; the methods are {known}, "
+                f"{model}: is neither the folder of a saved model nor a method; the methods are {listed}, "
                 "and `tipforce train DATA -o FOLDER` saves a model"
             )
-    taken = [method.label for method in made]
-    if len(set(taken)) < len(taken):
+    labels = [method.label for method in methods]
+    if len(set(labels)) < len(labels):
         # Two folders of the same name differ by their whole paths.
-        made = [replace(method, label=str(Path(model))) for model, method in zip(models, made, strict=True)]
-    return made
+        methods = [replace(method, label=str(Path(model))) for model, method in zip(models, methods, strict=True)]
+    return methods
 
 
 def view_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:
@@ -133,6 +133,7 @@ def _learning_from_the_rest(estimator: Estimator) -> Estimator:
 
 
 def _saved(folder: str) -> Method:
+    """Returns the method of a saved model; calibration and fine-tuning sessions count as trained ones, too."""
     fitted = load_model(folder)
     training = read_manifest(folder).get("training", {})
     return Method(

@@ -45,8 +45,7 @@ def percent_of_true(reference_n: FloatArray, estimate_n: FloatArray) -> FloatArr
     >>> percent_of_true(np.array([0.2, -0.2, 0.001]), np.array([0.21, -0.21, 0.002])).round(6)
     array([ 5.,  5., nan])
     """
-    sure = np.abs(reference_n) > CONTACT_N
-    divisor = np.where(sure, reference_n, np.nan)
+    divisor = np.where(np.abs(reference_n) > CONTACT_N, reference_n, np.nan)
     return 100.0 * (estimate_n - reference_n) / divisor
 
 
@@ -73,13 +72,8 @@ def error_metrics(reference_n: FloatArray, estimate_n: FloatArray) -> dict[str, 
     if count:
         absolute = np.abs(error)
         mse = float(np.mean(error**2))
-        newtons = {
-            "mae": float(absolute.mean()),
-            "rmse": math.sqrt(mse),
-            "max": float(absolute.max()),
-            "min": float(absolute.min()),
-            "bias": float(error.mean()),
-        }
+        extremes = {"max": float(absolute.max()), "min": float(absolute.min())}
+        newtons = {"mae": float(absolute.mean()), "rmse": math.sqrt(mse), **extremes, "bias": float(error.mean())}
         variance, spread = float(np.var(reference)), float(np.ptp(reference))
         r2 = 1.0 - mse / variance if variance > 0 else math.nan
         of_range = 100.0 * newtons["mae"] / spread if spread > 0 else math.nan

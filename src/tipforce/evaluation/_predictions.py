@@ -82,13 +82,11 @@ class Predictions:
 
     def where(self, chosen: BoolArray | IntArray) -> "Predictions":
         """Returns the samples at ``chosen`` only: a mask (n,) or indices."""
-        arrays = {
-            name: value[chosen]
-            for name in self.__dataclass_fields__
-            if name not in ("method", "protocol")
-            for value in (getattr(self, name),)
-        }
-        return replace(self, **arrays)
+        return replace(self, **{name: getattr(self, name)[chosen] for name in _ARRAYS})
+
+
+_ARRAYS = [name for name in Predictions.__dataclass_fields__ if name not in ("method", "protocol")]
+"""Names of the fields with a row for each sample."""
 
 
 def collect(
@@ -100,7 +98,7 @@ def collect(
     estimates: Sequence[ForceEstimate],
     contact: BoolArray,
 ) -> Predictions:
-    """Collects the estimates of some samples of a dataset.
+    """Collects estimates and references of m samples of a dataset.
 
     Args:
         method: Label of the method.
@@ -110,9 +108,6 @@ def collect(
         index: (m,) indices of the samples in ``dataset``.
         estimates: One estimate for each of ``index``.
         contact: (len(dataset),) True where the tip is in contact.
-
-    Returns:
-        Estimates and references of the m samples.
     """
     chosen = dataset.subset(index)
     shapes = np.empty(len(index), np.object_)
@@ -132,9 +127,7 @@ def collect(
 
 def concatenate(parts: Sequence[Predictions]) -> Predictions:
     """Returns the predictions of several splits of one protocol as one."""
-    first = parts[0]
-    names = [name for name in first.__dataclass_fields__ if name not in ("method", "protocol")]
-    return replace(first, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS})
 
 
 def with_reference(predictions: Predictions, truth_n: FloatArray) -> Predictions:
@@ -148,10 +141,10 @@ def with_reference(predictions: Predictions, truth_n: FloatArray) -> Predictions
         The same estimates without the samples whose truth is not known.
     """
     truth = truth_n[predictions.index]
-    columns = np.isfinite(predictions.reference_n).any(axis=0)
+    columns = np.isfinite(predictions.reference_n).any(axis=0)  # (3,) axes that the sensor measures
     magnitude = np.sqrt(np.sum(truth[:, columns] ** 2, axis=1))
-    changed = replace(predictions, reference_n=np.where(columns, truth, np.nan), reference_magnitude_n=magnitude)
-    return changed.where(np.isfinite(magnitude))
+    against_truth = replace(predictions, reference_n=np.where(columns, truth, np.nan), reference_magnitude_n=magnitude)
+    return against_truth.where(np.isfinite(magnitude))
 
 
 def in_contact(dataset: Dataset, truth_n: FloatArray | None) -> BoolArray:

@@ -175,9 +175,10 @@ class ScoredData:
         )
         if self.truth_n is None:
             return MethodResult(predictions, metrics, fits=tuple(fits))
-        true = with_reference(predictions, self.truth_n)
-        true_metrics = score_of(true, contact_angle_deg=None if angle is None else angle[true.index])
-        ratios = None if self.bounds is None or not self.bounds.std_n else self.bounds.ratios(true)
+        against_truth = with_reference(predictions, self.truth_n)
+        angle_of_truth = None if angle is None else angle[against_truth.index]
+        true_metrics = score_of(against_truth, contact_angle_deg=angle_of_truth)
+        ratios = None if self.bounds is None or not self.bounds.std_n else self.bounds.ratios(against_truth)
         return MethodResult(predictions, metrics, true_metrics, ratios, tuple(fits))
 
 
@@ -204,7 +205,7 @@ def run_protocol(
     progress: Progress | None = None,
     fits: KeptFits | None = None,
 ) -> MethodResult:
-    """Trains a method anew on each split's training part and scores it on its test part.
+    """Trains a method anew on each split's training part and scores it on the test samples of all splits.
 
     Args:
         method: The method; its ``estimator`` is copied for each split.
@@ -214,16 +215,14 @@ def run_protocol(
         constant: The constant predictor under the same splits; None for the constant predictor itself.
         progress: Called with the current step and the share that is done.
         fits: Fits the method; None: nothing is kept on disk.
-
-    Returns:
-        The result over the test samples of all splits.
     """
     fits = fits or KeptFits()
-    parts: list[Predictions] = []
+    predictions_of_splits: list[Predictions] = []
     fitted_splits: list[FittedSplit] = []
     for number, split in enumerate(splits):
         step = f"{method.label}, {protocol} {number + 1}/{len(splits)}"
 
+        # the defaults keep the step of this split
         def report(_: str, share: float, *, step: str = step, number: int = number) -> None:
             if progress is not None:
                 progress(step, (number + share) / len(splits))
@@ -231,9 +230,9 @@ def run_protocol(
         report("", 0.0)
         fitted, seconds = fits.fit(method, split, data.dataset, report)
         fitted_splits.append(FittedSplit(protocol, split, seconds, fitted.describe(), fitted))
-        parts.append(_predict(fitted, method.label, protocol, split.name, data, split.test))
+        predictions_of_splits.append(_predict(fitted, method.label, protocol, split.name, data, split.test))
         report("", 1.0)
-    predictions = concatenate(parts)
+    predictions = concatenate(predictions_of_splits)
     return data.result(predictions, constant or predictions, fitted_splits)
 
 
@@ -316,26 +315,23 @@ def run_saved_alone(methods: Sequence[Method], data: ScoredData, notes: list[str
         saved = method.as_it_comes
         assert saved is not None
         fit = FittedSplit(AS_SAVED, split, 0.0, saved.describe(), saved)
-        found = _predict(saved, method.label, AS_SAVED, AS_SAVED, data, index)
-        results.append(data.result(found, constant, [fit]))
+        predictions = _predict(saved, method.label, AS_SAVED, AS_SAVED, data, index)
+        results.append(data.result(predictions, constant, [fit]))
     return [*results, data.result(constant, constant, [FittedSplit(AS_SAVED, split, 0.0, mean.describe(), mean)])]
 
 
 def fine_tuning_notes(methods: Sequence[Method], dataset: Dataset) -> list[str]:
-    """Notes the methods whose initial weights were trained on sessions of the evaluated data.
+    """Returns a sentence for each method whose initial weights were trained on sessions of the evaluated data.
 
     Args:
         methods: The evaluated methods.
         dataset: The evaluated data.
-
-    Returns:
-        One sentence for each such method.
     """
-    found = {method.label: _trained_on(method, dataset) for method in methods if method.saved is None}
+    seen_by = {method.label: _trained_on(method, dataset) for method in methods if method.saved is None}
     return [
         f"{label} is fine-tuned from weights that were trained on {len(seen)} of {len(dataset.sessions)} sessions of "
         f"these data ({_some(seen)}): where they are tested on they are not new to it."
-        for label, seen in found.items()
+        for label, seen in seen_by.items()
         if seen
     ]
 

@@ -29,7 +29,7 @@ MIN_STRETCHES = 10
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Samples for one fitted method: those at ``scored`` count, the others are the frames before them."""
+    """Samples for the method fitted on the split ``fold``: those at ``scored`` count, the others come before them."""
 
     fold: str
     samples: Dataset
@@ -66,8 +66,9 @@ def perturbed_metrics(
     """
     estimators, means = _fitted(method, result, constant, data.dataset)
     parts = list(_parts(result.predictions, data, frames, estimators))
-    ordered = sorted(perturbations, key=lambda each: repr(each.operation))  # an image is predicted once for all labels
-    images = [list(group) for _, group in groupby(ordered, key=lambda each: each.operation)]
+    # perturbations with one image operation, which differ in the force label, share the predictions
+    ordered = sorted(perturbations, key=lambda each: repr(each.operation))
+    same_images = [list(group) for _, group in groupby(ordered, key=lambda each: each.operation)]
     plain = Perturbation(UNPERTURBED, "", _unchanged)
     # (kind, size, direction) -> predictions of the method and of the constant predictor, one for each part
     pairs: dict[tuple[str, str, str], tuple[list[Predictions], list[Predictions]]] = {
@@ -75,7 +76,7 @@ def perturbed_metrics(
     }
     for number, part in enumerate(parts):
         samples = in_memory(part.samples)
-        for group in ([plain], *images):
+        for group in ([plain], *same_images):
             estimates = estimators[part.fold].predict(perturbed(samples, group[0], data.seed))
             for each in group:
                 labelled = replace(samples, force_n=each.force(samples.force_n))
@@ -94,11 +95,7 @@ def perturbed_metrics(
 
 
 def require_images(dataset: Dataset) -> None:
-    """Checks that the samples have images, before minutes of training.
-
-    Raises:
-        InputError: The first sample has no image.
-    """
+    """Checks before minutes of training that the samples have images; raises InputError if the first one has none."""
     first = next(dataset.subset(np.arange(1)).observations())
     if not any(isinstance(view, np.ndarray) for view in first.views.values()):
         raise InputError(
@@ -119,8 +116,8 @@ def _fitted(
         estimators, means = ({fit.split.name: fit.estimator for fit in each.fits} for each in (result, constant))
         return estimators, means
     assert method.saved is not None
-    rest = np.setdiff1d(np.arange(len(dataset)), result.predictions.index)
-    return {AS_SAVED: method.saved}, {AS_SAVED: Constant().fit(dataset.subset(rest) if len(rest) else dataset)}
+    others = np.setdiff1d(np.arange(len(dataset)), result.predictions.index)
+    return {AS_SAVED: method.saved}, {AS_SAVED: Constant().fit(dataset.subset(others) if len(others) else dataset)}
 
 
 def _parts(
@@ -168,8 +165,8 @@ def _predictions(
     result: MethodResult, part: _Part, samples: Dataset, estimates: Sequence[ForceEstimate]
 ) -> Predictions:
     contact = samples.magnitude_n > CONTACT_N
-    found = [estimates[index] for index in part.scored.tolist()]
-    return collect(result.method, result.protocol, part.fold, samples, part.scored, found, contact)
+    scored = [estimates[index] for index in part.scored.tolist()]
+    return collect(result.method, result.protocol, part.fold, samples, part.scored, scored, contact)
 
 
 def _metrics(predictions: Predictions, constant: Predictions) -> dict[str, Any]:

@@ -152,11 +152,11 @@ def coverage_by_stratum(
         One dict for each stratum that has samples: ``from_UNIT``, ``below_UNIT`` and `stratum_metrics`.
     """
     strata: list[dict[str, Any]] = []
-    for start, end in pairwise(edges):
-        chosen: BoolArray = (by >= start) & ((by < end) | ((by == end) & (end == edges[-1])))
+    for low, high in pairwise(edges):
+        chosen: BoolArray = (by >= low) & ((by < high) | ((by == high) & (high == edges[-1])))
         if chosen.any():
-            ends = {f"from_{unit}": start, f"below_{unit}": end}
-            strata.append(ends | stratum_metrics(predictions.where(chosen), seed=seed))
+            limits = {f"from_{unit}": low, f"below_{unit}": high}
+            strata.append(limits | stratum_metrics(predictions.where(chosen), seed=seed))
     return strata
 
 

@@ -49,14 +49,14 @@ def beside_thesis(evaluation: Evaluation) -> dict[str, Any]:
         the magnitude, and RMSE and largest error by direction, in newtons, as far as they are known. Empty where the
         protocol "thesis" was not run.
     """
-    found: dict[str, Any] = {}
+    beside: dict[str, Any] = {}
     constant = evaluation.result(Constant.name, "thesis")
     for method in evaluation.methods:
         result = evaluation.result(method.label, "thesis")
         if result is None or constant is None or method.estimator.thesis_settings is None:
             continue
         bench, *others = _differences(evaluation, result, method.estimator)
-        found[method.label] = {
+        beside[method.label] = {
             "text": f"Not like for like: {bench}; {'; '.join(others)}."
             if others
             else f"Like for like but for the bench: this is {bench}.",
@@ -66,10 +66,11 @@ def beside_thesis(evaluation: Evaluation) -> dict[str, Any]:
                 "the thesis, its own bench": _thesis_row(method.estimator.name),
             },
         }
-    return found
+    return beside
 
 
 def _row(result: MethodResult) -> dict[str, Any]:
+    """Returns a method's forces and errors under the names of `THESIS_FIGURES`."""
     quantities = result.metrics["quantities"]
     magnitude = quantities["magnitude"]
     return {
@@ -94,31 +95,32 @@ def _thesis_row(name: str) -> dict[str, Any]:
 
 
 def _differences(evaluation: Evaluation, result: MethodResult, estimator: Estimator) -> list[str]:
-    """Lists the bench first, then all else that differs from the thesis."""
-    predictions, found = result.predictions, list[str]()
+    """Lists the conditions that differ from the thesis's: the bench first, then forces, samples and settings."""
+    predictions, differences = result.predictions, list[str]()
     simulated = all(info.simulated for info in evaluation.dataset.session_info.values())
-    found.append("a simulated bench" if simulated else "another bench")
-    low, high = (float(end(predictions.reference_magnitude_n)) for end in (np.min, np.max))
-    least, most = THESIS_FIGURES["force_min_n"], THESIS_FIGURES["force_max_n"]
-    if low < least - FORCE_TOLERANCE_N or high > most + FORCE_TOLERANCE_N:
-        found.append(f"forces of {low:.3f} to {high:.3f} N (thesis: {least:.3f} to {most:.3f} N)")
+    differences.append("a simulated bench" if simulated else "another bench")
+    low, high = float(predictions.reference_magnitude_n.min()), float(predictions.reference_magnitude_n.max())
+    thesis_low, thesis_high = THESIS_FIGURES["force_min_n"], THESIS_FIGURES["force_max_n"]
+    if low < thesis_low - FORCE_TOLERANCE_N or high > thesis_high + FORCE_TOLERANCE_N:
+        differences.append(f"forces of {low:.3f} to {high:.3f} N (thesis: {thesis_low:.3f} to {thesis_high:.3f} N)")
     if free := np.count_nonzero(~predictions.contact):
-        found.append(f"{free} of {len(predictions)} test samples without contact (thesis: always in contact)")
+        differences.append(f"{free} of {len(predictions)} test samples without contact (thesis: always in contact)")
     split = result.fits[0].split
-    own, thesis = (len(split.train), len(split.test)), _SAMPLES[estimator.name]
-    if own != thesis:
-        found.append(f"{own[0]} training and {own[1]} test samples (thesis: {thesis[0]} and {thesis[1]})")
-    letter = type(estimator.settings).model_validate(estimator.thesis_settings).model_dump(mode="json")
-    stated = estimator.settings.model_dump(mode="json")
-    found += [
-        f"{key}={_text(_at(stated, key))} (to the letter: {_text(value)})"
-        for key, value in flat_values(letter).items()
-        if key.split(".")[0] not in _NO_CONDITION and _at(stated, key) != value
+    counts, thesis = (len(split.train), len(split.test)), _SAMPLES[estimator.name]
+    if counts != thesis:
+        differences.append(f"{counts[0]} training and {counts[1]} test samples (thesis: {thesis[0]} and {thesis[1]})")
+    thesis_settings = type(estimator.settings).model_validate(estimator.thesis_settings).model_dump(mode="json")
+    settings = estimator.settings.model_dump(mode="json")
+    differences += [
+        f"{key}={_text(_nested(settings, key))} (to the letter: {_text(value)})"
+        for key, value in flat_values(thesis_settings).items()
+        if key.split(".")[0] not in _NO_CONDITION and _nested(settings, key) != value
     ]
-    return found
+    return differences
 
 
-def _at(values: Any, key: str) -> Any:
+def _nested(values: Any, key: str) -> Any:
+    """Returns the value at a key with points, such as "detection.threshold"; None where it is missing."""
     for part in key.split("."):
         values = values.get(part) if isinstance(values, dict) else None
     return values

@@ -62,10 +62,10 @@ def retention(error_n: FloatArray, uncertainty_n: FloatArray, answered_share: fl
     if not len(error_n):
         return {"abstained_share": [], "mae_n": [], "area_n": math.nan, "best_area_n": math.nan}
     # estimates of equal uncertainty have the mean error of all of these, which is the mean over their random orders
-    _, tie_index, tied = np.unique(uncertainty_n, return_inverse=True, return_counts=True)
-    tie_mean = np.bincount(tie_index, weights=error_n) / tied
-    kept_counts = np.arange(1, len(error_n) + 1)
-    kept_mae = np.cumsum(np.repeat(tie_mean, tied)) / kept_counts
+    _, tie_index, tie_sizes = np.unique(uncertainty_n, return_inverse=True, return_counts=True)
+    tie_mean = np.bincount(tie_index, weights=error_n) / tie_sizes
+    kept_counts = np.arange(1, len(error_n) + 1)  # 1: only the most certain one is kept
+    kept_mae = np.cumsum(np.repeat(tie_mean, tie_sizes)) / kept_counts
     shown = np.maximum(1, np.round(_KEPT * len(error_n))).astype(np.int64)
     return {
         "abstained_share": (1.0 - answered_share * shown / len(error_n)).tolist(),
@@ -100,9 +100,9 @@ def trust_metrics(
         by_angle = coverage_by_stratum(predictions, angle, AXIS_ANGLE_BINS_DEG, "deg", seed=seed)
     by_group = _by_group(predictions, groups or {}, seed)
     strata = (*by_force, *by_angle, *(by_group if len(by_group) > 1 else ()))
-    named = [(_name(each), each["coverage"]) for each in strata if not each["few"]]
-    named = [(name, coverage) for name, coverage in named if not math.isnan(coverage)]
-    worst = min(named, key=lambda each: each[1], default=("", math.nan))
+    coverages = {_name(each): each["coverage"] for each in strata if not each["few"]}
+    coverages = {name: coverage for name, coverage in coverages.items() if not math.isnan(coverage)}
+    worst = min(coverages, key=lambda name: coverages[name], default="")
     return {
         "wrong_beyond_n": WRONG_N,
         "wrong_share": wrong_share(error),
@@ -110,8 +110,8 @@ def trust_metrics(
         "by_force": by_force,
         "by_axis_angle": by_angle,
         "by_group": by_group,
-        "worst_coverage": worst[1],
-        "worst_stratum": worst[0],
+        "worst_coverage": coverages.get(worst, math.nan),
+        "worst_stratum": worst,
         "retention": retention(error, (high - low)[valid], float(valid.mean()) if len(valid) else math.nan),
     }
 

@@ -58,8 +58,7 @@ class ArrivalWait:
 
     Args:
         local: whether the buffers are those of this machine and hold few images: a driver that had to wait for eight
-        images in
-            a row has emptied them.
+            images in a row has emptied them.
     """
 
     def __init__(self, *, local: bool) -> None:
@@ -85,7 +84,7 @@ class ArrivalWait:
         interval_ns = arrival_ns - last_ns
         pause = interval_ns > max(MIN_PAUSE_PERIODS * self._period_ns, MIN_PAUSE_NS) and len(self._intervals) > 1
         catching_up = self._wait_ns > MIN_PAUSE_NS and interval_ns < self._period_ns
-        if not pause and not catching_up:
+        if not pause and not catching_up:  # neither shows the period of the camera
             self._intervals.append(interval_ns)
         self._counted_ns += round(self._period_ns)
         self._wait_ns = arrival_ns - self._map.host_ns(self._counted_ns, arrival_ns)
@@ -97,6 +96,7 @@ class ArrivalWait:
 
     @property
     def _period_ns(self) -> float:
+        """Mean period of the images; 0 until it is known."""
         return sum(self._intervals) / len(self._intervals) if self._intervals else 0.0
 
     def _restart(self, arrival_ns: int) -> int:

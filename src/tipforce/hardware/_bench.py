@@ -52,13 +52,11 @@ class BenchDevices:
 
     def drivers(self) -> list[Driver]:
         """Returns a driver for each device, not connected. Raises FileFormatError where a calibration is unreadable."""
-        made = [_driver("cameras", config, view) for view, config in self.cameras.items()]
-        made += [
-            _driver(name, config, name)
-            for name, config in (("force", self.force), ("stage", self.stage), ("knob", self.knob))
-            if config is not None
+        others = (("force", self.force), ("stage", self.stage), ("knob", self.knob))
+        return [
+            *(_driver("cameras", config, view) for view, config in self.cameras.items()),
+            *(_driver(name, config, name) for name, config in others if config is not None),
         ]
-        return made
 
     def values(self) -> dict[str, Any]:
         """Returns the configs as JSON values, in the form of ``bench.toml``."""
@@ -101,6 +99,11 @@ def read_devices(path: Path | str) -> BenchDevices:
 
 
 def _config(where: str, section: str, key: str, values: object, folder: Path) -> DeviceConfig:
+    """Returns the config of one device from the ``values`` of its table.
+
+    ``section`` is "cameras", "force", "stage" or "knob"; ``where`` and ``key`` name file and table in messages. Files
+    of the device are relative to ``folder``. Raises InputError for a key or value that is refused.
+    """
     if not isinstance(values, dict):
         raise InputError(f"{where}: {key} is no table")
     stated: dict[str, Any] = dict(values)  # pyright: ignore[reportUnknownArgumentType]
@@ -112,27 +115,25 @@ def _config(where: str, section: str, key: str, values: object, folder: Path) ->
     try:
         return kind.model_validate(stated).located(folder)
     except ValidationError as error:
-        first = error.errors()[0]
-        names = [str(part) for part in first["loc"]]
-        if first["type"] == "extra_forbidden":
-            inner = _fields_at(kind, names[:-1])
-            table = ".".join([key, *names[:-1]])
-            raise InputError(
-                f"{where}: {table}.{names[-1]} is not known; {table} may hold {', '.join(inner)}"
-            ) from None
-        if first["type"] == "missing":
-            raise InputError(f"{where}: {key}.{'.'.join(names)} is missing") from None
-        message = str(first["msg"])
+        fault = error.errors()[0]
+        path = [str(part) for part in fault["loc"]]  # names of inner tables and of the value
+        if fault["type"] == "extra_forbidden":
+            table = ".".join([key, *path[:-1]])
+            known_keys = ", ".join(_fields_at(kind, path[:-1]))
+            raise InputError(f"{where}: {table}.{path[-1]} is not known; {table} may hold {known_keys}") from None
+        name = ".".join([key, *path])
+        if fault["type"] == "missing":
+            raise InputError(f"{where}: {name} is missing") from None
+        message = str(fault["msg"])
         raise InputError(
-            f"{where}: {key}.{'.'.join(names)} = {repr(first['input'])[:200]} is refused: "
-            f"{message[0].lower()}{message[1:]}"
+            f"{where}: {name} = {repr(fault['input'])[:200]} is refused: {message[0].lower()}{message[1:]}"
         ) from None
 
 
 def _fields_at(kind: type[DeviceConfig], path: list[str]) -> tuple[str, ...]:
     """Returns the names that the table at ``path`` within a config may hold."""
-    found = _model_in(kind.model_fields[path[0]].annotation) if path else kind
-    return tuple((found or kind).model_fields)
+    model = _model_in(kind.model_fields[path[0]].annotation) if path else kind
+    return tuple((model or kind).model_fields)
 
 
 def _model_in(annotation: Any) -> type[BaseModel] | None:
@@ -155,9 +156,6 @@ def open_bench(path: Path | str, *, newest_only: bool = False, clock: Clock | No
         path: the ``bench.toml``; its other tables become the session's metadata.
         newest_only: see `HardwareSource`.
         clock: see `HardwareSource`.
-
-    Returns:
-        The source of their events, not yet entered.
 
     Raises:
         FileFormatError, InputError: see `read_devices`; also where the bench has no device.

@@ -83,8 +83,10 @@ def read_calibration(path: Path | str) -> DaqCalibration:
         )
     rows = {node.get("Name"): _row(node, path, scaled=False) for node in calibration.iter("UserAxis")}
     if not rows:
-        turned = calibration.find("BasicTransform")
-        if turned is not None and any(float(turned.get(key, "0")) for key in ("Dx", "Dy", "Dz", "Rx", "Ry", "Rz")):
+        # a tool transform, a shift and rotation of the axes, is not in the rows of an older file
+        transform = calibration.find("BasicTransform")
+        keys = ("Dx", "Dy", "Dz", "Rx", "Ry", "Rz")
+        if transform is not None and any(float(transform.get(key, "0")) for key in keys):
             raise FileFormatError(f"{path}: has a tool transform but no UserAxis rows; ask ATI for a newer file")
         rows = {node.get("Name"): _row(node, path, scaled=True) for node in calibration.iter("Axis")}
     missing = [name for name in _AXES if name not in rows]
@@ -93,11 +95,11 @@ def read_calibration(path: Path | str) -> DaqCalibration:
     try:
         units = [unit_in_newtons(calibration.get("ForceUnits", ""))] * 3
         units += [unit_in_newton_metres(calibration.get("TorqueUnits", ""))] * 3
-        whole = float(calibration.get("OutputRange", "20"))
+        output_range_v = float(calibration.get("OutputRange", "20"))
     except (DeviceError, ValueError) as error:
         raise FileFormatError(f"{path}: {error}") from None
     bipolar = calibration.get("OutputBipolar", "True").lower() == "true"
-    limits = (-whole / 2, whole / 2) if bipolar else (0.0, whole)
+    limits = (-output_range_v / 2, output_range_v / 2) if bipolar else (0.0, output_range_v)
     matrix = np.array([rows[name] for name in _AXES]) * np.array(units)[:, None]
     return DaqCalibration(matrix, limits, root.get("Serial", ""), calibration.get("PartNumber", ""))
 
@@ -220,8 +222,8 @@ class DaqForce(Driver):
             raise DeviceError(f"{self._where}: gave samples of shape {volts.shape}; expected (n, {_GAUGES})")
         self._samples += len(volts)
         period_ns = 1e9 / self._rate_hz
-        last_ns = self._map.host_ns(round((self._samples - 1) * period_ns), arrival)
-        if len(self._at_zero) < round(self.config.zero_s / _BLOCK_S):
+        last_ns = self._map.host_ns(round((self._samples - 1) * period_ns), arrival)  # time of the last sample
+        if len(self._at_zero) < round(self.config.zero_s / _BLOCK_S):  # still without load, see the config
             self._at_zero.append(volts)
             self._zero = np.concatenate(self._at_zero).mean(axis=0)
             return ()
@@ -236,8 +238,8 @@ class DaqForce(Driver):
             period_ns: time between samples.
         """
         low, high = self.calibration.range_v
-        middle, half = (low + high) / 2, (high - low) / 2
-        is_unsaturated = (np.abs(volts - middle) < SATURATED_SHARE * half).all(axis=1)
+        centre_v, half_range_v = (low + high) / 2, (high - low) / 2
+        is_unsaturated = (np.abs(volts - centre_v) < SATURATED_SHARE * half_range_v).all(axis=1)
         if not is_unsaturated.all():
             self.counts["saturated"] += int((~is_unsaturated).sum())
             self.remark = f"{self._where}: a gauge was saturated: the sensor is overloaded, or a cable is broken"

@@ -37,8 +37,7 @@ class FieldCheck:
     def one_instant(self, image: Image) -> Image:
         """Returns the image (h, w) or (h, w, 3) whose rows are of one instant.
 
-        Raises:
-            DeviceError: the images show that even and odd rows are taken at two instants.
+        Raises DeviceError where the images show that even and odd rows are taken at two instants.
         """
         if self._deinterlace:
             return even_rows(image)

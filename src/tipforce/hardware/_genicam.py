@@ -90,8 +90,8 @@ class GenICamCamera(Driver):
                 raise DeviceError(f"{self._where}: is not there; there are {', '.join(map(str, numbers)) or 'none'}")
             if not numbers:
                 raise DeviceError(f"{self._where}: the producer finds no camera")
-            wanted = 0 if config.serial_number is None else {"serial_number": config.serial_number}
-            self._acquirer = self._harvester.create(wanted)
+            device = 0 if config.serial_number is None else {"serial_number": config.serial_number}
+            self._acquirer = self._harvester.create(device)
             settings = self._set_nodes(self._acquirer.remote_device.node_map)
             self._acquirer.start()
         except DeviceError:
@@ -102,11 +102,11 @@ class GenICamCamera(Driver):
 
     def _set_nodes(self, nodes: Any) -> tuple[Setting, ...]:
         """Sets the requested features of the camera; returns requested and actual values, also of size and format."""
-        wanted = dict(self.config.nodes)
+        requested = dict(self.config.nodes)
         if self.config.fps is not None:
-            wanted.setdefault("AcquisitionFrameRate", self.config.fps)
+            requested.setdefault("AcquisitionFrameRate", self.config.fps)
         settings: list[Setting] = []
-        for name, value in wanted.items():
+        for name, value in requested.items():
             node = getattr(nodes, name, None)
             if node is None:
                 raise DeviceError(f"{self._where}: has no feature {name}; see nodes")
@@ -114,7 +114,7 @@ class GenICamCamera(Driver):
             settings.append(Setting(name, _plain(value), _plain(node.value)))
         for name in ("Width", "Height", "PixelFormat"):
             node = getattr(nodes, name, None)
-            if node is not None and name not in wanted:
+            if node is not None and name not in requested:
                 settings.append(Setting(name, None, _plain(node.value)))
         return tuple(settings)
 
@@ -137,8 +137,9 @@ class GenICamCamera(Driver):
                 if not buffer.payload.components:
                     self.counts["incomplete"] += 1
                     return ()
-                part = buffer.payload.components[0]
-                image = self._image(part.data, int(part.width), int(part.height), str(part.data_format))
+                component = buffer.payload.components[0]
+                width, height = int(component.width), int(component.height)
+                image = self._image(component.data, width, height, str(component.data_format))
                 device_ns = self._device_ns(buffer)
         except DeviceError:
             raise
@@ -149,7 +150,7 @@ class GenICamCamera(Driver):
             raise DeviceError(f"{self._where}: the size of its images changed from {self._size} to {size_of(image)}")
         latency_ns = round(self.config.latency_ms * 1e6)
         wait_ns, self._asked_ns = self._wait.wait_ns(self._asked_ns, arrival), 0
-        if device_ns is not None:
+        if device_ns is not None:  # the stamp of the camera states the wait more precisely
             wait_ns = arrival - self._map.host_ns(device_ns, arrival)
         self._late.check(self._where, wait_ns, arrival)
         if device_ns is not None:
@@ -184,18 +185,17 @@ class GenICamCamera(Driver):
             raise DeviceError(f"{self._where}: gives {form}; set PixelFormat to one of 8 bits in nodes")
         if form == "Mono8":
             return data.reshape(height, width).copy()
+        target = "GRAY" if self.config.grey else "RGB"
         if form in _BAYER:
-            to = "GRAY" if self.config.grey else "RGB"
-            return cv2.cvtColor(data.reshape(height, width), getattr(cv2, f"COLOR_{_BAYER[form]}2{to}"))
+            return cv2.cvtColor(data.reshape(height, width), getattr(cv2, f"COLOR_{_BAYER[form]}2{target}"))
         channels = {"RGB8": 3, "BGR8": 3, "RGBa8": 4, "BGRa8": 4}.get(form)
         if channels is None:
             raise DeviceError(
                 f"{self._where}: gives {form}; expected Mono8, RGB8, BGR8, RGBa8, BGRa8 or an 8-bit Bayer"
             )
-        whole = data.reshape(height, width, channels)
+        image = data.reshape(height, width, channels)
         order = ("RGB" if form.startswith("RGB") else "BGR") + ("A" if channels == 4 else "")
-        to = "GRAY" if self.config.grey else "RGB"
-        return whole.copy() if order == to else cv2.cvtColor(whole, getattr(cv2, f"COLOR_{order}2{to}"))
+        return image.copy() if order == target else cv2.cvtColor(image, getattr(cv2, f"COLOR_{order}2{target}"))
 
     def close(self) -> None:
         """Stops the camera and releases the producer."""

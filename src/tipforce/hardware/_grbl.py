@@ -124,6 +124,7 @@ class GrblStage(Driver):
     config_type = GrblConfig
 
     def __init__(self, config: GrblConfig, name: str = "stage") -> None:
+        """Prepares the state of a controller that is not connected yet."""
         super().__init__(name)
         self.config = config
         self.actuators = GrblActuators(self)
@@ -175,26 +176,26 @@ class GrblStage(Driver):
         self._clock = clock
         port.write(RESET)
         self._await(lambda line: line.startswith("Grbl "), MAX_WAKE_S, "its greeting")
-        found = self._settings_read()
-        if found.get(_INCHES):
+        reported = self._settings_read()
+        if reported.get(_INCHES):
             raise DeviceError(f"{self._where}: reports inches; send $13=0 to it")
         settings: list[Setting] = []
         limits: dict[str, AxisLimits] = {}
         for name, axis in self.config.axes.items():
-            limits[name] = self._limits_of(name, axis, found, settings)
-        settings += [Setting(f"${number}", value, found.get(number, math.nan))
-                     for number, value in self.config.settings.items()]  # fmt: skip
+            limits[name] = self._limits_of(name, axis, reported, settings)
+        for number, value in self.config.settings.items():
+            settings.append(Setting(f"${number}", value, reported.get(number, math.nan)))
         with self.lock:
             self._forget()
             self._cancelled = self._stopping = False
             self.limits = limits
             self.state = self.alarm = ""
             self._heard_s = time.monotonic()
-        self._ask()
+        self._request_status()
         self._await(lambda _: bool(self.state), MAX_RESPONSE_S, "its status")
         if self.config.zero and not self.alarm:
             letters = "".join(f" {axis.axis}0" for axis in self.config.axes.values())
-            port.write(f"G10 L20 P1{letters}\n".encode())
+            port.write(f"G10 L20 P1{letters}\n".encode())  # the work coordinates here become 0
             self._await(lambda line: line == "ok", MAX_RESPONSE_S, "ok to the new zero")
             self._work_offset = []
         return tuple(settings)
@@ -219,13 +220,11 @@ class GrblStage(Driver):
             number = str(first_number + index)
             if number not in reported:
                 raise DeviceError(f"{self._where}: has no setting ${number}, so no axis {axis.axis}")
-            actual = reported[number] / per_second / per_unit
+            actual = reported[number] / per_second / per_unit  # GRBL states speeds for a minute
             settings.append(Setting(f"{name}.{key}", stated, actual))
             values.append(actual if stated is None else min(stated, actual))
-        travel = reported.get(str(_TRAVEL + index), math.inf) / per_unit
-        settings.append(
-            Setting(f"{name}.travel", axis.high - axis.low if axis.high - axis.low > travel else None, travel)
-        )
+        travel, needed = reported.get(str(_TRAVEL + index), math.inf) / per_unit, axis.high - axis.low
+        settings.append(Setting(f"{name}.travel", needed if needed > travel else None, travel))
         try:
             return AxisLimits(axis.low, axis.high, *values)
         except ValueError as error:
@@ -234,16 +233,16 @@ class GrblStage(Driver):
     def _settings_read(self) -> dict[str, float]:
         """Requests all settings of the controller (``$$``); returns number -> value, in its units."""
         assert self._port is not None
-        found: dict[str, float] = {}
+        settings: dict[str, float] = {}
 
         def take(line: str) -> bool:
             if match := re.fullmatch(r"\$(\d+)=([-\d.]+)(?: .*)?", line):
-                found[match[1]] = float(match[2])
+                settings[match[1]] = float(match[2])
             return line == "ok"
 
         self._port.write(b"$$\n")
         self._await(take, MAX_RESPONSE_S, "its settings")
-        return found
+        return settings
 
     def _await(self, done: Callable[[str], bool], seconds: float, reply: str) -> None:
         """Processes lines until ``done`` accepts one; raises DeviceError, which names ``reply``, after ``seconds``."""
@@ -263,7 +262,7 @@ class GrblStage(Driver):
         while True:
             now = time.monotonic()
             if now - self._status_requested_s >= (MAX_WAIT_S if self._cancelled else 1.0 / self.config.status_hz):
-                self._ask()
+                self._request_status()
             events = [event for line in self._port.lines(MAX_WAIT_S) for event in self._take(line)]
             self._send_what_waits()
             now = time.monotonic()
@@ -272,13 +271,13 @@ class GrblStage(Driver):
             if events or now >= end:
                 return events
 
-    def _ask(self) -> None:
+    def _request_status(self) -> None:
         assert self._port is not None
         self._status_requested_s = time.monotonic()
         self._port.write(STATUS)
 
     def _take(self, line: str) -> Sequence[Event]:
-        """Processes one line."""
+        """Processes one line of the controller; returns the positions that it reports, none for another line."""
         self._heard_s = time.monotonic()
         with self.lock:
             if match := _STATUS.fullmatch(line):
@@ -342,7 +341,7 @@ class GrblStage(Driver):
         position = values.get("WPos")
         if position is None and "MPos" in values:
             offset = self._work_offset or [0.0] * len(values["MPos"])
-            position = [m - o for m, o in zip(values["MPos"], offset, strict=False)]
+            position = [machine - shift for machine, shift in zip(values["MPos"], offset, strict=False)]
         if position is None or len(position) <= max(_LETTERS.index(axis.axis) for axis in self.config.axes.values()):
             self.counts["malformed"] += 1
             return ()
@@ -368,7 +367,7 @@ class GrblStage(Driver):
                 self._cancel()  # a jog that was sent just before the stop
             if self._unanswered_jog is not None:
                 return
-            if self.state == "Idle":
+            if self.state == "Idle":  # at rest: a cancel or stop is done
                 self._cancelled = False
                 if self._course is None or not self._course.unanswered:
                     self._stopping = False
@@ -381,7 +380,7 @@ class GrblStage(Driver):
             if not self._pending or self.state not in ("Idle", "Jog") or self._cancelled or self._stopping:
                 return
             if self.state == "Jog" and not self._goes_on():
-                self._cancel()
+                self._cancel()  # the targets stay pending until the axes are at rest
                 return
             self._jog()
 
@@ -394,7 +393,10 @@ class GrblStage(Driver):
         return True
 
     def _course_line(self, places: Mapping[str, float], seconds: float) -> str:
-        """Returns a jog to ``places`` (position by axis, in its unit) that takes ``seconds`` at constant speed."""
+        """Returns a jog to ``places`` (position by axis, in its unit) that takes ``seconds`` at constant speed.
+
+        The feed rate F is in mm/min along the path, at least 1: GRBL refuses 0.
+        """
         start, self._sent = {**self._positions, **self._sent}, dict(places)
         scales = {name: self.config.axes[name].scale for name in places}
         length = math.hypot(*((places[name] - start[name]) * scale for name, scale in scales.items()))
@@ -429,6 +431,7 @@ class GrblStage(Driver):
         self._port.write(line.encode() + b"\n")
 
     def _cancel(self) -> None:
+        """Cancels all jogs: the axes brake, and nothing is sent until they are at rest."""
         assert self._port is not None
         self._port.write(CANCEL)
         self._cancelled, self._sent = True, {}
@@ -459,8 +462,8 @@ class GrblStage(Driver):
                 self._pending, self._sent, self._stopping = {}, {}, True
                 self._cancel()
                 return
-            going = {**self._sent, **self._pending}
-            self._pending = {name: target for name, target in going.items() if name not in axes}
+            targets = {**self._sent, **self._pending}
+            self._pending = {name: target for name, target in targets.items() if name not in axes}
             self._stopping = not self._pending
             if self.state in ("Run", "Hold"):  # G-code of another program: only a hold and a reset end it
                 self._port.write(HOLD)

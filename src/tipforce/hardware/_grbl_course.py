@@ -89,12 +89,13 @@ class CourseStream:
         seconds, self._read_s = (0.0 if self._read_s is None else now_s - self._read_s), now_s
         if course_s < SEGMENT_S:
             return
-        wanted, before, after = (self._course(course_s + side) for side in (0.0, -SEGMENT_S, SEGMENT_S))
+        planned, before, after = (self._course(course_s + side) for side in (0.0, -SEGMENT_S, SEGMENT_S))
         late_power = power = 0.0
-        for axis, wanted_position in wanted.items():
+        for axis, planned_position in planned.items():
             speed = (after[axis] - before[axis]) / (2.0 * SEGMENT_S)
-            late_power += (wanted_position - places[axis]) * speed
+            late_power += (planned_position - places[axis]) * speed
             power += speed * speed
+        # weight of this reading: larger the longer ago the last one was
         share = -math.expm1(-seconds / LATENESS_TIME_CONSTANT_S)
         self._power += share * (power - self._power)
         self.late_s += share * (late_power - self.late_s * power) / max(self._power, MIN_POWER)

@@ -18,6 +18,7 @@ from ._serial import LinePort
 STREAM = "knob"
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 MAX_SILENCE_S = 1.0
+_NEVER_NS = 1 << 62
 CONSTANT_PERIOD_NS = 1_000_000_000
 """A constant angle is sent again after this time."""
 
@@ -185,14 +186,14 @@ class LogKnob(_Played):
         """Returns the next row when it is due; none after the last one."""
         row = self._next
         if row == len(self._stamps):
-            self._wait(1 << 62, timeout_s)
+            self._wait(_NEVER_NS, timeout_s)
             return ()
         due_ns = self._zero_ns + int(self._stamps[row])
         if not self._wait(due_ns, timeout_s):
             return ()
         self._next += 1
-        here = {name: column[row] for name, column in self._values.items() if not math.isnan(column[row])}
-        return (Actuation(due_ns, here, STREAM),)
+        readings = {name: column[row] for name, column in self._values.items() if not math.isnan(column[row])}
+        return (Actuation(due_ns, readings, STREAM),)
 
 
 class ConstantKnob(_Played):

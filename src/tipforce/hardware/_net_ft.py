@@ -26,6 +26,8 @@ RDT_REQUEST = struct.Struct("!HHI")
 """Header 0x1234, command, number of samples (0: until stopped)."""
 RDT_REPLY = struct.Struct("!3I6i")
 """RDT sequence, F/T sequence, status, counts of Fx, Fy, Fz, Tx, Ty, Tz."""
+_COUNT = 1 << 32
+"""Sequence numbers begin again at 0 after this number of packets."""
 HEADER, STOP, STREAM, BIAS = 0x1234, 0x0000, 0x0002, 0x0042
 
 _POUND_N, _KILOGRAM_N, _INCH_M, _FOOT_M = 4.4482216152605, 9.80665, 0.0254, 0.3048
@@ -121,7 +123,7 @@ class RdtCheck:
             self._count("malformed")
             return None
         sequence, ft_sequence, status, *counts = RDT_REPLY.unpack(packet)
-        if self._last is not None and self._asked_anew and self._step(sequence) <= 0:
+        if self._last is not None and self._asked_anew and self._step(sequence) <= 0:  # a new count, as requested
             self._last = None
             self._missing.clear()
             self._count("restarts")
@@ -139,13 +141,11 @@ class RdtCheck:
                 else:
                     self._count("duplicate")
                 return None
-            if step > 1:
+            if step > 1:  # those between may still come
                 self._count("lost", step - 1)
-                self._missing |= {(sequence - back) % (1 << 32) for back in range(1, min(step, MAX_BACKWARD_STEP))}
+                self._missing |= {(sequence - back) % _COUNT for back in range(1, min(step, MAX_BACKWARD_STEP))}
                 if len(self._missing) > 2 * MAX_BACKWARD_STEP:
-                    self._missing = {
-                        missing for missing in self._missing if (sequence - missing) % (1 << 32) <= MAX_BACKWARD_STEP
-                    }
+                    self._missing = {old for old in self._missing if (sequence - old) % _COUNT <= MAX_BACKWARD_STEP}
         frozen = self._last is not None and ft_sequence == self._last[1]
         self._last = sequence, ft_sequence
         if status:
@@ -164,7 +164,7 @@ class RdtCheck:
     def _step(self, rdt: int) -> int:
         """Returns the number of packets from the last one to ``rdt``; the count overflows at 32 bits."""
         assert self._last is not None
-        return (rdt - self._last[0] + (1 << 31)) % (1 << 32) - (1 << 31)
+        return (rdt - self._last[0] + _COUNT // 2) % _COUNT - _COUNT // 2
 
     def _count(self, fault: str, by: int = 1) -> None:
         self._counts[fault] = self._counts.get(fault, 0) + by
@@ -195,15 +195,9 @@ class NetFt(Driver):
     @property
     def streams(self) -> tuple[DeclaredStream, ...]:
         """The force."""
-        return (
-            DeclaredStream(
-                "force",
-                "wrench",
-                self.config.rate_hz,
-                f"the box's packet count, brought to the host's clock by the least delay, minus latency_ms = "
-                f"{self.config.latency_ms:g}",
-            ),
-        )
+        late = f"minus latency_ms = {self.config.latency_ms:g}"
+        clock = f"the box's packet count, brought to the host's clock by the least delay, {late}"
+        return (DeclaredStream("force", "wrench", self.config.rate_hz, clock),)
 
     def connect(self, clock: Clock) -> tuple[Setting, ...]:
         """Reads the configuration of the box, then requests a continuous stream."""
@@ -265,7 +259,7 @@ class NetFt(Driver):
                     events.append(wrench)
                 if len(events) >= 64:  # a limit, so that they are used before the whole buffer is read
                     return events
-                self._socket.setblocking(False)
+                self._socket.setblocking(False)  # only the first packet is waited for
         except BlockingIOError:
             return events
         except TimeoutError:
@@ -285,17 +279,17 @@ class NetFt(Driver):
             arrival_ns: time of its arrival on the clock of the host.
         """
         restarts = self.counts["restarts"]
-        taken = self._check.take(packet)
+        reading = self._check.take(packet)
         if self.counts["restarts"] > restarts:
             self._map, self._zero = ArrivalClock(), None
         if self._check.status:
             self.remark = f"{self._where}: refused readings with the status word 0x{self._check.status:08x}"
-        if taken is None:
+        if reading is None:
             return None
-        rdt, counts = taken
+        rdt, counts = reading
         if self._zero is None:
             self._zero = rdt
-        device_ns = round((rdt - self._zero) % (1 << 32) * 1e9 / self._rate_hz)
+        device_ns = round((rdt - self._zero) % _COUNT * 1e9 / self._rate_hz)
         stamp = self._map.host_ns(device_ns, arrival_ns) - round(self.config.latency_ms * 1e6)
         values = self._scale * counts
         return Wrench(stamp, values[:3], values[3:], "sensor")

@@ -106,6 +106,7 @@ class OpenCvCamera(Driver):
     config_type = OpenCvCameraConfig
 
     def __init__(self, config: OpenCvCameraConfig, view: str = "camera", open_capture: Any = None) -> None:
+        """Prepares the driver; `connect` opens the camera. An address is read through FFmpeg."""
         super().__init__(f"cameras.{view}")
         self.config, self.view = config, view
         self._open = open_capture
@@ -151,7 +152,7 @@ class OpenCvCamera(Driver):
         self._capture = self._opened()
         if not self._capture.isOpened():
             raise DeviceError(f"{self._where}: cannot be opened; is it there, and does nobody else use it?")
-        wanted: list[tuple[str, int, float | None]] = [
+        requested: list[tuple[str, int, float | None]] = [
             ("fourcc", cv2.CAP_PROP_FOURCC, None if config.fourcc is None else _code(config.fourcc)),
             ("width", cv2.CAP_PROP_FRAME_WIDTH, config.width),
             ("height", cv2.CAP_PROP_FRAME_HEIGHT, config.height),
@@ -160,7 +161,7 @@ class OpenCvCamera(Driver):
             ("exposure", cv2.CAP_PROP_EXPOSURE, config.exposure),
             ("gain", cv2.CAP_PROP_GAIN, config.gain),
         ]
-        for _, number, value in wanted:
+        for _, number, value in requested:
             if value is not None:
                 self._capture.set(number, value)
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
@@ -168,25 +169,25 @@ class OpenCvCamera(Driver):
         self._fields = FieldCheck(self.view, self._where, deinterlace=config.deinterlace)
         self._wait, self._late = ArrivalWait(local=True), LatenessCheck()
         self._host_ahead_ns, self._awake_ns = monotonic_to(clock), None
-        whole, image = self._capture.read()
-        if not whole:
+        has_image, image = self._capture.read()
+        if not has_image:
             raise DeviceError(f"{self._where}: gives no image")
         self._size = size_of(image)
-        found: list[Setting] = []
-        for name, number, value in wanted:
+        settings: list[Setting] = []
+        for name, number, value in requested:
             actual = float(self._capture.get(number))
             if name == "fourcc":
-                found.append(Setting(name, config.fourcc, _letters(actual)))
+                settings.append(Setting(name, config.fourcc, _letters(actual)))
             elif name in ("width", "height"):  # of the image; the driver may report other values
-                found.append(Setting(name, value, float(image.shape[1 if name == "width" else 0])))
+                settings.append(Setting(name, value, float(image.shape[1 if name == "width" else 0])))
             else:
-                found.append(Setting(name, value, actual))
-        return tuple(found)
+                settings.append(Setting(name, value, actual))
+        return tuple(settings)
 
     def _connect_stream(self, stream: NetworkStream, clock: Clock) -> tuple[Setting, ...]:
         """Opens an address; the requested settings are compared with those of the images."""
-        asked = {"width": self.config.width, "height": self.config.height}
-        return tuple(Setting(each.name, asked.get(each.name), each.actual) for each in stream.open(clock))
+        requested = {"width": self.config.width, "height": self.config.height}
+        return tuple(Setting(each.name, requested.get(each.name), each.actual) for each in stream.open(clock))
 
     def read(self, timeout_s: float) -> Sequence[Event]:
         """Returns the next image; waits as long as OpenCV does. An image that waited too long in a buffer is left out.
@@ -199,15 +200,16 @@ class OpenCvCamera(Driver):
             return () if frame is None else (frame,)
         assert self._clock is not None
         asked_ns = self._clock.now_ns()
-        whole, image = self._capture.read()
+        has_image, image = self._capture.read()
         arrival_ns = self._clock.now_ns()
-        if not whole:
+        if not has_image:
             raise DeviceError(f"{self._where}: gives no image any more")
         if size_of(image) != self._size:
             raise DeviceError(f"{self._where}: the size of its images changed from {self._size} to {size_of(image)}")
         wait_ns = self._wait.wait_ns(asked_ns, arrival_ns)
         taken_ns = self._taken_ns()
         self._late.check(self._where, wait_ns if taken_ns is None else arrival_ns - taken_ns, arrival_ns)
+        # an image from before a sleep of the computer is older than its stamp shows
         slept = taken_ns is not None and self._awake_ns is not None and taken_ns < self._awake_ns
         if slept or (taken_ns is None and wait_ns > MAX_WAIT_NS):
             self.counts["discarded, for they had waited in a buffer"] += 1

@@ -107,6 +107,18 @@ class StreamMeter:
 
 @dataclass
 class _Stream:
+    """A stream with its queue.
+
+    Attributes:
+        declared: its name, kind and rate.
+        room: largest number of readings in the queue.
+        waiting: the queue: number in the order of arrival, and reading.
+        meter: counts the readings and measures their rate.
+        last_ns: stamp of the last reading.
+        dropped: see `StreamHealth`.
+        unsorted: see `StreamHealth`.
+    """
+
     declared: DeclaredStream
     room: int
     waiting: deque[tuple[int, Event]] = field(default_factory=deque[tuple[int, Event]])
@@ -142,7 +154,7 @@ class _Device:
         """
         stopped, wait_s = self._source.stopped, MIN_WAIT_S
         while not stopped.is_set():
-            before, failed = self._source.taken_from(self.driver), None
+            count_before, failed = self._source.taken_from(self.driver), None
             try:
                 self.settings = self.driver.connect(self._source.clock)
                 self.connections, self.state = self.connections + 1, "connected"
@@ -162,7 +174,7 @@ class _Device:
                     self.state = "lost" if self.connections else "connecting"
                     _log.warning("%s", failed)
                 self._source.wake()
-            if self._source.taken_from(self.driver) > before:
+            if self._source.taken_from(self.driver) > count_before:
                 wait_s = MIN_WAIT_S
             stopped.wait(wait_s)
             wait_s = min(2 * wait_s, MAX_WAIT_S)
@@ -179,7 +191,7 @@ class HardwareSource:
         drivers: the devices; their streams have different names.
         info: metadata of the session.
         newest_only: whether only the newest frame of a view is kept, for display or estimation; else 64 are, for a
-        recording.
+            recording.
         clock: clock of the host; by default a monotonic one that begins at 2 s.
         described: configs of the devices in ``bench.toml``, for `record`.
 
@@ -195,6 +207,7 @@ class HardwareSource:
         clock: Clock | None = None,
         described: Mapping[str, Any] | None = None,
     ) -> None:
+        """Makes a queue for each stream and a thread for each device; `__enter__` starts the threads."""
         self.session_info = info or SessionInfo()
         self.described = dict(described or {})
         self.clock: Clock = clock or SystemClock(START_NS)

@@ -62,6 +62,7 @@ class NetworkStream:
         latency_ns: int,
         options: Mapping[str, str],
     ) -> None:
+        """Prepares the connection; `open` makes it. See the class for the arguments."""
         self._source, self._view, self._where, self._counts = source, view, where, counts
         self._grey, self._latency_ns, self._options = grey, latency_ns, dict(options)
         self._deinterlace = deinterlace
@@ -95,7 +96,7 @@ class NetworkStream:
         self._stamped = not self._container.format.flags & _NO_TIMESTAMPS
         self._frames = self._decoded(streams[0])
         context = streams[0].codec_context
-        self.read()
+        self.read()  # connects
         settled_ns = clock.now_ns() + SETTLE_NS
         while clock.now_ns() < settled_ns:
             self.read()

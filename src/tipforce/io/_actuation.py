@@ -35,11 +35,11 @@ class ActuationSeries:
     def forget_before(self, stamp_ns: int) -> None:
         """Drops the readings that no frame at or after ``stamp_ns`` needs."""
         for name, stamps in self._stamps.items():
-            keep = 0
-            while keep + 1 < len(stamps) and stamps[keep + 1] <= stamp_ns:
-                keep += 1
-            if keep:
-                del stamps[:keep], self._values[name][:keep]
+            first_kept = 0  # the last reading before the frame holds until the next one, so it stays
+            while first_kept + 1 < len(stamps) and stamps[first_kept + 1] <= stamp_ns:
+                first_kept += 1
+            if first_kept:
+                del stamps[:first_kept], self._values[name][:first_kept]
 
     def at(self, stamps_ns: IntArray, *, wait_s: float = WAIT_S) -> dict[str, FloatArray]:
         """Returns the readings at the stamps of frames.
@@ -54,22 +54,21 @@ class ActuationSeries:
         Returns:
             Name -> (n,) values in the unit of the name; NaN before the first reading.
 
-
         >>> series = ActuationSeries()
         >>> for second, knob_deg in ((0, 0.0), (1, 10.0), (9, 90.0)):
         ...     series.add(Actuation(second * 10**9, {"knob_deg": knob_deg}))
         >>> series.at(np.array([-1, 0, 600_000_000, 5_000_000_000]))["knob_deg"]
         array([nan,  0.,  6., 10.])
         """
-        found: dict[str, FloatArray] = {}
-        for name, known in self._stamps.items():
-            stamps, values = np.array(known, dtype=np.int64), np.array(self._values[name])
-            last = np.searchsorted(stamps, stamps_ns, side="right") - 1
+        interpolated: dict[str, FloatArray] = {}
+        for name, reading_ns in self._stamps.items():
+            stamps, values = np.array(reading_ns, dtype=np.int64), np.array(self._values[name])
+            last = np.searchsorted(stamps, stamps_ns, side="right") - 1  # -1: the frame is before the first reading
             after = np.minimum(last + 1, len(stamps) - 1)
             before = np.maximum(last, 0)
-            step = np.maximum(stamps[after] - stamps[before], 1)
-            near = (after > last) & (stamps[after] - stamps_ns <= wait_s * 1e9)
-            share = np.where(near, (stamps_ns - stamps[before]) / step, 0.0)
+            step = np.maximum(stamps[after] - stamps[before], 1)  # ns
+            soon_after = (after > last) & (stamps[after] - stamps_ns <= wait_s * 1e9)
+            share = np.where(soon_after, (stamps_ns - stamps[before]) / step, 0.0)
             value = values[before] + share * (values[after] - values[before])
-            found[name] = np.where(last < 0, math.nan, value)
-        return found
+            interpolated[name] = np.where(last < 0, math.nan, value)
+        return interpolated

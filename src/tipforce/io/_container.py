@@ -83,7 +83,7 @@ def whole_summary(stream: IO[bytes]) -> tuple[Summary, int] | None:
         return None
     stream.seek(end)
     footer = stream.read(_FOOTER.size)
-    opcode, length, start, _, crc = _FOOTER.unpack(footer)
+    opcode, length, start, _, crc = _FOOTER.unpack(footer)  # start: of the index; its crc includes the footer before it
     if stream.read() != MCAP0_MAGIC or opcode != Opcode.FOOTER or length != _FOOTER.size - _RECORD.size:
         return None
     if not len(MCAP0_MAGIC) <= start <= end:
@@ -107,8 +107,8 @@ def is_foreign_metadata(names: Iterable[str]) -> bool:
 def is_foreign(path: Path) -> bool:
     """Returns whether ``path`` is a complete MCAP file of another program, that is, without metadata of ours."""
     with path.open("rb") as stream:
-        found = whole_summary(stream)
-    return found is not None and is_foreign_metadata(index.name for index in found[0].metadata_indexes)
+        index = whole_summary(stream)
+    return index is not None and is_foreign_metadata(record.name for record in index[0].metadata_indexes)
 
 
 def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:
@@ -138,7 +138,7 @@ def frame_is_whole(stream: IO[bytes], summary: Summary, start: int) -> bool:
     stream.seek(0)
     for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
         head_at = chunk.chunk_start_offset
-        body_at = head_at + _CHUNK_HEAD.size + 8
+        body_at = head_at + _CHUNK_HEAD.size + 8  # 8 bytes: the size of the content
         if head_at < position or body_at + chunk.uncompressed_size > start:
             return False
         before = stream.read(body_at - position)
@@ -162,6 +162,7 @@ class Container:
     """
 
     def __init__(self, path: Path) -> None:
+        """Opens the file and reads its index; the four chunks that were read last stay in memory."""
         self.path = path
         self._stream = path.open("rb")
         try:
@@ -172,18 +173,19 @@ class Container:
         self.chunk_data = lru_cache(maxsize=4)(self._read_chunk)
 
     def _open(self) -> None:
+        """Reads index and metadata, and compares them with their checksums. Raises FileFormatError; see the class."""
         path = self.path
-        start = self._stream.read(len(MCAP0_MAGIC))
-        if not start:
+        magic = self._stream.read(len(MCAP0_MAGIC))
+        if not magic:
             raise FileFormatError(f"{path}: the file is empty, not a recording (.mcap)")
-        if start != MCAP0_MAGIC:
+        if magic != MCAP0_MAGIC:
             raise FileFormatError(
                 f"{path}: is not a recording (.mcap); a video or a folder of images becomes one with `tipforce import`"
             )
-        found = whole_summary(self._stream)
-        if found is None:
+        index = whole_summary(self._stream)
+        if index is None:
             raise FileFormatError(f"{path}: is cut off or damaged (no whole index at its end); {recovery_advice(path)}")
-        summary, end = found
+        summary, end = index
         if not summary.chunk_indexes and summary.statistics and summary.statistics.message_count:
             raise FileFormatError(f"{path}: has no index of its chunks; {recovery_advice(path)}")
         try:
@@ -261,15 +263,15 @@ class Container:
         Raises:
             FileFormatError: the index of the chunk's messages is damaged.
         """
-        place = self.chunks[number].message_index_offsets.get(channel)
-        if place is None:
+        position = self.chunks[number].message_index_offsets.get(channel)
+        if position is None:
             return np.empty(0, np.int64), np.empty(0, np.int64)
-        head = self._read_at(place, 15)
+        head = self._read_at(position, 15)
         if len(head) < 15:
             raise self._damaged(number, "the index of its messages is cut off")
-        opcode, length, owner, room = struct.unpack("<BQHI", head)
-        raw = self._stream.read(room) if room == length - 6 and length <= MAX_CHUNK_BYTES else b""
-        if opcode != Opcode.MESSAGE_INDEX or owner != channel or len(raw) != length - 6 or room % _INDEX_ENTRY.itemsize:
+        opcode, length, owner, size = struct.unpack("<BQHI", head)  # size: bytes of the entries
+        raw = self._stream.read(size) if size == length - 6 and length <= MAX_CHUNK_BYTES else b""
+        if opcode != Opcode.MESSAGE_INDEX or owner != channel or len(raw) != length - 6 or size % _INDEX_ENTRY.itemsize:
             raise self._damaged(number, "no index of its messages is at the stated position")
         entries = np.frombuffer(raw, dtype=_INDEX_ENTRY)
         # a time beyond 2^63 ns would overflow, an offset beyond the chunk would crash the reader
@@ -304,13 +306,13 @@ class Container:
             FileFormatError: a record does not have the channel and the time that the index states.
         """
         data = np.frombuffer(self.chunk_data(number), np.uint8)
-        heads = data[offsets[:, None] + np.arange(MESSAGE_HEAD)]
+        heads = data[offsets[:, None] + np.arange(MESSAGE_HEAD)]  # (n, 31): length at byte 1, channel at 9, time at 15
         lengths = _number(heads, 1, "<u8").astype(np.int64) - (MESSAGE_HEAD - _RECORD.size)
-        right = (heads[:, 0] == Opcode.MESSAGE) & (_number(heads, 9, "<u2") == channel)
-        right &= _number(heads, 15, "<u8").astype(np.int64) == times
+        as_indexed = (heads[:, 0] == Opcode.MESSAGE) & (_number(heads, 9, "<u2") == channel)
+        as_indexed &= _number(heads, 15, "<u8").astype(np.int64) == times
         # not offset + length: a length of nonsense would overflow
-        right &= (lengths >= 0) & (lengths <= len(data) - MESSAGE_HEAD - offsets)
-        if not right.all():
+        as_indexed &= (lengths >= 0) & (lengths <= len(data) - MESSAGE_HEAD - offsets)
+        if not as_indexed.all():
             raise self._damaged(number, "the index of its messages does not fit them")
         return lengths
 
@@ -331,24 +333,26 @@ class Container:
         return memoryview(data)[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + length]
 
     def in_time_order(self, channels: set[int]) -> Iterator[tuple[int, int, memoryview]]:
-        """Yields time, channel and payload of every message; it holds only the chunks that overlap in time."""
-        pending: list[tuple[int, int, int, int, memoryview]] = []
+        """Yields time in ns, channel and payload of every message of some channels, in the order of their times.
+
+        The times of chunks may overlap. A message waits until no later chunk can have an earlier one.
+        """
+        pending: list[tuple[int, int, int, int, memoryview]] = []  # time, chunk, offset, channel, payload
         for number, chunk in enumerate(self.chunks):
-            wanted = channels & set(chunk.message_index_offsets)
-            if wanted:
-                whole = memoryview(self.chunk_data(number))
-                for channel in wanted:
+            present = channels & set(chunk.message_index_offsets)
+            if present:
+                records = memoryview(self.chunk_data(number))
+                for channel in present:
                     times, offsets = self.chunk_entries(number, channel)
                     lengths = self.message_lengths(number, channel, times, offsets)
                     for time_ns, offset, length in zip(times.tolist(), offsets.tolist(), lengths.tolist(), strict=True):
-                        payload = whole[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + length]
+                        payload = records[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + length]
                         pending.append((time_ns, number, offset, channel, payload))
-            last = number + 1 == len(self.chunks)
-            limit = None if last else self.chunks[number + 1].message_start_time
             pending.sort(key=lambda entry: entry[:3])
             ready = len(pending)
-            if limit is not None:
-                ready = next((i for i, entry in enumerate(pending) if entry[0] >= limit), ready)
+            if number + 1 < len(self.chunks):
+                next_start = self.chunks[number + 1].message_start_time
+                ready = next((i for i, entry in enumerate(pending) if entry[0] >= next_start), ready)
             for time_ns, _, _, channel, payload in pending[:ready]:
                 yield time_ns, channel, payload
             del pending[:ready]

@@ -19,6 +19,7 @@ from ._image_size import check_pixels
 from ._square_pixels import square_pixels, square_size
 
 _MAGIC_AT = 128
+"""Bytes before the mark "DICM"."""
 
 
 def is_dicom(path: Path) -> bool:
@@ -63,12 +64,12 @@ def _check_decoder(path: Path, data: Any) -> None:
         return
     pixels: Any = importlib.import_module("pydicom.pixels")
     try:
-        decoder, known = pixels.get_decoder(syntax), True
+        decoder = pixels.get_decoder(syntax)
     except NotImplementedError:
-        decoder, known = None, False
+        decoder = None
     if decoder is not None and decoder.is_available:
         return
-    install = f"`{sys.executable} -m pip install python-gdcm`, or " if known else ""
+    install = "" if decoder is None else f"`{sys.executable} -m pip install python-gdcm`, or "
     raise FileFormatError(
         f"{path}: its images are compressed ({syntax.name}), and no decoder for them is installed; {install}save it "
         "uncompressed, for example with gdcmconv"
@@ -76,7 +77,10 @@ def _check_decoder(path: Path, data: Any) -> None:
 
 
 def _start_ns(data: Any) -> int | None:
-    """Returns ContentDate and ContentTime, from which FrameDelay counts; None where no time is stated."""
+    """Returns ContentDate (YYYYMMDD) and ContentTime (HHMMSS.FFFFFF) in ns: FrameDelay counts from them.
+
+    Without a date it is the time of day. None where no valid time is stated.
+    """
     clock = str(data.get("ContentTime") or "")
     digits, _, fraction = clock.partition(".")
     if not (digits.isdecimal() and len(digits) == 6 and (not fraction or fraction.isdecimal())):
@@ -103,6 +107,7 @@ class DicomFile:
     """
 
     def __init__(self, path: Path) -> None:
+        """Reads the header, and checks the number of frames and that a decoder for the images is installed."""
         self.path = path
         data = _read(path, pixels=False)
         self.frame_count = _checked_count(path, data)
@@ -134,6 +139,7 @@ class DicomFile:
 
 
 def _frames(path: Path, view: str) -> Iterator[Frame]:
+    """Yields the frames of the file; see `DicomFile.frames`."""
     data = _read(path, pixels=True)
     count = _checked_count(path, data)
     stamps = _checked_stamps_ns(path, data, count)
@@ -144,17 +150,17 @@ def _frames(path: Path, view: str) -> Iterator[Frame]:
         raise FileFormatError(f"{path}: its header is damaged ({error}); copy it again from its archive") from None
     if signed:
         raise FileFormatError(f"{path}: holds signed pixels, whose black is not stated; save it with unsigned ones")
-    found = 0
+    number = 0
     try:
         # one by one: together they may be a thousand times as large as the file
         for pixels in importlib.import_module("pydicom.pixels").iter_pixels(data):
-            if found == count or pixels.ndim != (3 if coloured else 2):
-                raise ValueError(f"more than {count} frames" if found == count else f"{pixels.ndim} dimensions")
+            if number == count or pixels.ndim != (3 if coloured else 2):
+                raise ValueError(f"more than {count} frames" if number == count else f"{pixels.ndim} dimensions")
             image = _eight_bit(pixels, stored, str(data.PhotometricInterpretation))
-            yield Frame(stamps[found], square_pixels(image, aspect, str(path)), view)
-            found += 1
-        if found < count:
-            raise ValueError(f"{found} of {count} frames")
+            yield Frame(stamps[number], square_pixels(image, aspect, str(path)), view)
+            number += 1
+        if number < count:
+            raise ValueError(f"{number} of {count} frames")
     except Exception as error:  # see `_checked_count`
         raise FileFormatError(f"{path}: its images cannot be decoded ({error}); save it uncompressed") from None
 
@@ -170,8 +176,8 @@ def _aspect(data: Any) -> Fraction:
     for name in ("PixelAspectRatio", "ImagerPixelSpacing", "PixelSpacing"):  # each: along a column, along a row
         stated = data.get(name)
         if stated is not None and len(stated) == 2 and min(stated) > 0:
-            down, across = (Fraction(float(each)).limit_denominator(10_000) for each in stated)
-            return across / down
+            height, width = (Fraction(float(value)).limit_denominator(10_000) for value in stated)
+            return width / height
     return Fraction(1)
 
 
@@ -186,6 +192,7 @@ def _checked_stamps_ns(path: Path, data: Any, count: int) -> list[int]:
 
 
 def _stamps_ns(path: Path, data: Any, count: int) -> list[int]:
+    """Returns the stamps of ``count`` frames by the times in the header; see `DicomFile.frames`."""
     delay_ms = float(data.get("FrameDelay") or 0)
     if count == 1:
         return [round(delay_ms * 1e6)]

@@ -1,7 +1,6 @@
 """The geometry of a view in the header of a DICOM file: C-arm angles, distances, pixels of the detector."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +41,16 @@ class DicomView:
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
+    """Scale of an X-ray image at the isocentre.
+
+    Attributes:
+        metres_per_px: width of a pixel, projected to the isocentre.
+        share_std: relative standard uncertainty of it.
+        source_object_m: distance from focal spot to isocentre.
+        source_object_std_m: standard uncertainty of this distance.
+        from_text: source of the scale, for messages.
+    """
+
     metres_per_px: float
     share_std: float
     source_object_m: float
@@ -75,12 +84,13 @@ def view_from_header(data: Any, width: int, height: int) -> DicomView:
 
 
 def _xray_view(data: Any, width: int, height: int, plane: str) -> DicomView:
+    """Returns the geometry of an X-ray image; see `view_from_header`."""
     missing: list[str] = []
     scale = _scale(data, missing)
     if scale is None:
         return DicomView(ViewInfo(modality="xray"), plane, missing=tuple(missing))
     share = math.hypot(scale.share_std, _table_shift_m(data, missing) / scale.source_object_m)
-    found = (
+    description = (
         f"{1e3 * scale.metres_per_px:.4g} mm a pixel at the isocentre, from {scale.from_text}, +- {share:.1%} because "
         f"the catheter's distance from the isocentre is not stated ({1e3 * DEPTH_STD_M:.0f} mm are assumed)"
     )
@@ -89,14 +99,14 @@ def _xray_view(data: Any, width: int, height: int, plane: str) -> DicomView:
     )
     angles = _angles(data, missing)
     if angles is None:
-        return DicomView(info, plane, found, tuple(missing))
-    primary, secondary = angles
+        return DicomView(info, plane, description, tuple(missing))
+    primary, secondary = angles  # degrees
     arm = CArm(
         primary,
         secondary,
         MAGNIFICATION * scale.source_object_m,  # without effect on the projection, which the scale determines
         scale.source_object_m,
-        scale.metres_per_px * width / 512.0,
+        scale.metres_per_px * width / 512.0,  # `CArm` takes the scale of an image with 512 columns
     )
     info = ViewInfo(
         info.metres_per_px,
@@ -109,8 +119,8 @@ def _xray_view(data: Any, width: int, height: int, plane: str) -> DicomView:
     )
     first = f"{'LAO' if primary >= 0 else 'RAO'} {abs(primary):g}"
     second = f"{'cranial' if secondary >= 0 else 'caudal'} {abs(secondary):g}"
-    found = f"C-arm at {first}, {second} degrees, +- {ASSUMED_TURN_DEG[0]:g} assumed; {found}"
-    return DicomView(info, plane, found, tuple(missing))
+    description = f"C-arm at {first}, {second} degrees, +- {ASSUMED_TURN_DEG[0]:g} assumed; {description}"
+    return DicomView(info, plane, description, tuple(missing))
 
 
 def _positive(data: Any, name: str) -> float | None:
@@ -136,21 +146,28 @@ def _spacing_m(data: Any, name: str) -> float | None:
 
 
 def _scale(data: Any, missing: list[str]) -> _Scale | None:
-    """Returns the scale at the isocentre; None where no tag states the distance of pixels."""
+    """Returns the scale at the isocentre; None where no tag states the distance of pixels.
+
+    It is the pitch of the detector's pixels over the magnification: distance from focal spot to detector over that to
+    the isocentre. Sentences on assumed values are added to ``missing``.
+
+    Raises:
+        ValueError: a tag is impossible.
+    """
     detector = _positive(data, "DistanceSourceToDetector")
     isocentre = _positive(data, "DistanceSourceToPatient")
-    stated = _positive(data, "EstimatedRadiographicMagnificationFactor")
+    stated_magnification = _positive(data, "EstimatedRadiographicMagnificationFactor")
     if detector and isocentre and isocentre >= detector:
         raise ValueError(
             f"DistanceSourceToPatient is {isocentre:g} mm, behind the detector at DistanceSourceToDetector "
             f"{detector:g} mm"
         )
-    if stated is not None and stated < 1.0:
-        raise ValueError(f"EstimatedRadiographicMagnificationFactor is {stated:g}, less than 1")
+    if stated_magnification is not None and stated_magnification < 1.0:
+        raise ValueError(f"EstimatedRadiographicMagnificationFactor is {stated_magnification:g}, less than 1")
     if isocentre:
         object_m, object_std = 1e-3 * isocentre, ASSUMED_SHIFT_M[2]
-    elif detector and stated:
-        object_m, object_std = 1e-3 * detector / stated, ASSUMED_SHIFT_M[2]
+    elif detector and stated_magnification:
+        object_m, object_std = 1e-3 * detector / stated_magnification, ASSUMED_SHIFT_M[2]
     else:
         object_m, object_std = SOURCE_ISOCENTRE_M, SOURCE_ISOCENTRE_STD_M
     depth_share = math.hypot(object_std, DEPTH_STD_M) / object_m
@@ -170,12 +187,12 @@ def _scale(data: Any, missing: list[str]) -> _Scale | None:
     if detector:
         magnification, share = 1e-3 * detector / object_m, depth_share
         text = "ImagerPixelSpacing over the distances of the focal spot"
-        if not (isocentre or stated):
+        if not (isocentre or stated_magnification):
             missing.append(
                 f"DistanceSourceToPatient is missing: {1e3 * object_m:.0f} +- {1e3 * object_std:.0f} mm are assumed"
             )
-    elif stated:
-        magnification, share = stated, depth_share
+    elif stated_magnification:
+        magnification, share = stated_magnification, depth_share
         text = "ImagerPixelSpacing over EstimatedRadiographicMagnificationFactor"
     else:
         magnification, share = MAGNIFICATION, math.hypot(MAGNIFICATION_STD / MAGNIFICATION, DEPTH_STD_M / object_m)
@@ -199,34 +216,39 @@ def _angles(data: Any, missing: list[str]) -> tuple[float, float] | None:
         return None
     if abs(primary) > 180.0 or abs(secondary) > 90.0:
         raise ValueError(f"the positioner's angles are {primary:g} and {secondary:g} degrees")
-    moved = max(_largest(data, f"{name}Increment", abs) for name in names)
-    if moved > ASSUMED_TURN_DEG[0]:
+    turn_deg = max(_largest_abs(data, f"{name}Increment") for name in names)
+    if turn_deg > ASSUMED_TURN_DEG[0]:
         missing.append(
-            f"the C-arm turns by {moved:.0f} degrees during the run, so no pose holds for all frames" + remedy
+            f"the C-arm turns by {turn_deg:.0f} degrees during the run, so no pose holds for all frames" + remedy
         )
         return None
-    turned = float(data.get("FieldOfViewRotation") or 0)
-    if turned or str(data.get("FieldOfViewHorizontalFlip", "NO")).upper() == "YES":
+    image_turn_deg = float(data.get("FieldOfViewRotation") or 0)
+    if image_turn_deg or str(data.get("FieldOfViewHorizontalFlip", "NO")).upper() == "YES":
         missing.append(
-            f"the image is shown turned by {turned:g} degrees or mirrored (FieldOfViewRotation, "
+            f"the image is shown turned by {image_turn_deg:g} degrees or mirrored (FieldOfViewRotation, "
             "FieldOfViewHorizontalFlip), so the pose is not known" + remedy
         )
         return None
     return primary, secondary
 
 
-def _largest(data: Any, name: str, of: Callable[[float], float]) -> float:
+def _largest_abs(data: Any, name: str) -> float:
+    """Returns the largest absolute value of a tag with one number or several; 0 where it is missing."""
     stated = data.get(name)
     if stated is None or stated == "":
         return 0.0
     values = [stated] if isinstance(stated, int | float | str) else list(stated)
-    return max((of(float(value)) for value in values), default=0.0)
+    return max((abs(float(value)) for value in values), default=0.0)
 
 
 def _table_shift_m(data: Any, missing: list[str]) -> float:
-    """Returns the standard deviation of the shift of the table along the vertical."""
+    """Returns the standard deviation of the table's shift along the vertical, which changes the magnification, m.
+
+    A shift that is uniform over a range has a standard deviation of the range / sqrt(12). A remark on any movement is
+    added to ``missing``.
+    """
     names = ("Vertical", "Longitudinal", "Lateral")
-    moved_mm = {name: _largest(data, f"Table{name}Increment", abs) for name in names}
+    moved_mm = {name: _largest_abs(data, f"Table{name}Increment") for name in names}
     if max(moved_mm.values()) > 0:
         text = ", ".join(f"{name.lower()} {value:g} mm" for name, value in moved_mm.items() if value)
         missing.append(f"the table moves during the run ({text}): not only the tissue moves in the images")

@@ -14,7 +14,7 @@ import numpy as np
 from .._system.json_files import parse_json
 from ..errors import FileFormatError
 from ..plausibility import ForcePlausibility
-from ..types import FloatArray, IntArray, SessionInfo, frozen
+from ..types import BoolArray, FloatArray, IntArray, SessionInfo, frozen
 
 SUBTRACTED_FORCE = "tipforce.zero"
 """Name of a metadata record, followed by a number. It holds a zero that the operator set: this force is subtracted from
@@ -115,6 +115,13 @@ class Tare:
         for name, value in (("force_n", self.force_n), ("stderr_n", self.stderr_n)):
             object.__setattr__(self, name, frozen(name, np.round(np.asarray(value, np.float64), _DIGITS), (3,)))
 
+    def covers(self, seconds: FloatArray) -> BoolArray:
+        """Returns whether each time (n,), in s since the log's first row, is in a stretch without contact."""
+        inside = np.zeros(len(seconds), np.bool_)
+        for start, end in self.stretches_s:
+            inside |= (seconds >= start) & (seconds <= end)
+        return inside
+
     def record(self) -> dict[str, str]:
         """Returns the metadata record."""
         return _texts(self, "subtract force_n from every reading, before any rotation")
@@ -187,14 +194,14 @@ class Inertia:
 def _texts(fact: "ClockMap | Inertia | Tare", meaning: str) -> dict[str, str]:
     """Returns the metadata record of a fact: each field as text, and the meaning of the record."""
     texts: dict[str, str] = {}
-    for each in fields(fact):
-        value = getattr(fact, each.name)
+    for name in (each.name for each in fields(fact)):
+        value = getattr(fact, name)
         if isinstance(value, str | int):
-            texts[each.name] = str(value)
+            texts[name] = str(value)
         elif isinstance(value, float):
-            texts[each.name] = repr(float(value))
+            texts[name] = repr(float(value))
         else:
-            texts[each.name] = json.dumps(value.tolist() if isinstance(value, np.ndarray) else value)
+            texts[name] = json.dumps(value.tolist() if isinstance(value, np.ndarray) else value)
     return {**texts, "meaning": meaning}
 
 
@@ -210,16 +217,16 @@ def _values(kind: type, record: Mapping[str, str], hows: Sequence[str]) -> dict[
         ValueError, FileFormatError: a text is no value of its field.
     """
     values: dict[str, Any] = {}
-    for each in fields(kind):
-        text = record.get(each.name)
+    for attribute in fields(kind):
+        text = record.get(attribute.name)
         if text is None:
             continue
-        if isinstance(each.default, str):
-            values[each.name] = text
-        elif isinstance(each.default, int | float):
-            values[each.name] = type(each.default)(text)
+        if isinstance(attribute.default, str):
+            values[attribute.name] = text
+        elif isinstance(attribute.default, int | float):
+            values[attribute.name] = type(attribute.default)(text)
         else:
-            values[each.name] = parse_json(text, each.name)
+            values[attribute.name] = parse_json(text, attribute.name)
     values["how"] = values["how"] if values.get("how") in hows else "none"
     rate = values.get("rate", 1.0)
     if not (math.isfinite(rate) and rate > 0.0):
@@ -282,9 +289,6 @@ def fact_from(kind: Callable[[Mapping[str, str]], _T], record: Mapping[str, str]
         record: the metadata record.
         name: its name, for the message.
         where: the file, for the message.
-
-    Returns:
-        The fact that ``kind`` made.
 
     Raises:
         FileFormatError: a value is missing or has another type or range.

@@ -74,21 +74,22 @@ class InFolder:
         """
         path = self._folder / name
         try:
-            there, link = path.is_file(), path.is_symlink()
+            exists, is_link = path.is_file(), path.is_symlink()
         except (OSError, ValueError):  # no file can have this name
-            there, link = False, False
+            exists, is_link = False, False
         if path.parent not in self._places:  # thousands of images are in few folders
             self._places[path.parent] = self._within(path.parent)
-        if not self._places[path.parent] or (link and not self._within(path)):
+        if not self._places[path.parent] or (is_link and not self._within(path)):
             raise FileFormatError(
                 f"{table.path}, {table.place(row)}: {name[:200]!r} is outside of {self._folder}; copy it there and "
                 "name it from there"
             )
-        if not there:
+        if not exists:
             raise FileFormatError(f"{table.path}, {table.place(row)}: there is no image {str(path)[:300]}")
         return path
 
     def _within(self, path: Path) -> bool:
+        """Returns whether ``path``, with its links resolved, is in the folder."""
         try:
             return os.path.commonpath([self._root, os.path.realpath(path)]) == self._root
         except (OSError, ValueError):
@@ -111,38 +112,36 @@ def read_folder(folder: Path) -> ImageFolder:
         return ImageFolder((folder,), _numbered(1), {}, numbered=True)
     for name in _TABLES:
         if (folder / name).exists():
-            found = _from_table(folder, open_table(folder / name))
+            unsorted = _from_table(folder, open_table(folder / name))
             break
     else:
-        found = _from_names(folder)
-    order = np.argsort(found.stamp_ns, kind="stable")
-    stamps = found.stamp_ns[order]
-    files = tuple(found.files[place] for place in order.tolist())
+        unsorted = _from_names(folder)
+    order = np.argsort(unsorted.stamp_ns, kind="stable")
+    stamps = unsorted.stamp_ns[order]
+    files = tuple(unsorted.files[row] for row in order.tolist())
     repeated = np.flatnonzero(np.diff(stamps) == 0)
     if len(repeated):
         first, second = files[int(repeated[0])], files[int(repeated[0]) + 1]
         raise TimeError(f"{folder}: {first.name} and {second.name} carry the same stamp, {stamps[repeated[0]]} ns")
-    actuation = {name: values[order] for name, values in found.actuation.items()}
-    return ImageFolder(files, stamps, actuation, found.numbered)
+    actuation = {name: values[order] for name, values in unsorted.actuation.items()}
+    return ImageFolder(files, stamps, actuation, unsorted.numbered)
 
 
 def _from_table(folder: Path, table: Table) -> ImageFolder:
-    place = InFolder(folder)
-    files = tuple(place.file(table, row, name) for row, name in enumerate(table.text("file_name")))
+    """Returns the images that a table names, in its order; see `read_folder`."""
+    in_folder = InFolder(folder)
+    files = tuple(in_folder.file(table, row, name) for row, name in enumerate(table.text("file_name")))
     if "session" in table.columns and len(set(table.text("session"))) > 1:
         raise InputError(f"{table.path}: holds several sessions; a source of events is one; use it as a dataset folder")
     stamps = table.stamps_ns()
-    taken = table.time_columns()
-    names = [name for name in table.columns if is_actuation(name) and name not in taken]
+    times = table.time_columns()
+    names = [name for name in table.columns if is_actuation(name) and name not in times]
     actuation = {name: table.numbers(name, may_be_empty=True) for name in names}
     for name, values in actuation.items():
         check_actuation(table, name, values)
-    return ImageFolder(
-        files,
-        _numbered(len(files)) if stamps is None else stamps,
-        actuation,
-        numbered=stamps is None,
-    )
+    if stamps is None:
+        return ImageFolder(files, _numbered(len(files)), actuation, numbered=True)
+    return ImageFolder(files, stamps, actuation)
 
 
 def _numbered(count: int) -> IntArray:
@@ -150,23 +149,24 @@ def _numbered(count: int) -> IntArray:
 
 
 def _from_names(folder: Path) -> ImageFolder:
-    found = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()]
-    files = tuple(sorted(found, key=_by_number))
+    """Returns the images of a folder with the stamps in their names, else in the order of the numbers in them."""
+    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()]
+    files = tuple(sorted(images, key=_by_number))
     if not files:
         raise FileFormatError(f"{folder}: holds no images ({', '.join(sorted(IMAGE_SUFFIXES))})")
     stamps = [_stamp_of(path) for path in files]
-    known = [stamp for stamp in stamps if stamp is not None]
-    if not known:
-        _say_order(folder, files)
+    stated = [stamp for stamp in stamps if stamp is not None]
+    if not stated:
+        _warn_of_order(folder, files)
         return ImageFolder(files, _numbered(len(files)), {}, numbered=True)
-    if len(known) < len(files):
+    if len(stated) < len(files):
         path = files[stamps.index(None)]
         raise FileFormatError(
             f"{path}: its name holds no time stamp (seconds-nanoseconds, or a number with its unit: 41666667_ns), as "
             f"others in {path.parent} do; write the stamps into {path.parent / 'stamps.csv'} with the columns "
             "file_name,stamp_ns"
         )
-    return ImageFolder(files, np.array(known, dtype=np.int64), {})
+    return ImageFolder(files, np.array(stated, dtype=np.int64), {})
 
 
 def _by_number(path: Path) -> tuple[list[tuple[int, str]], str]:
@@ -175,27 +175,27 @@ def _by_number(path: Path) -> tuple[list[tuple[int, str]], str]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
 
 
-def _say_order(folder: Path, files: Sequence[Path]) -> None:
+def _warn_of_order(folder: Path, files: Sequence[Path]) -> None:
     """Warns about the order of the images where their names in alphabetical order have another one."""
-    by_letters = sorted(files)
-    for place, (here, there) in enumerate(zip(files, by_letters, strict=True)):
-        if here != there:
+    for number, (image, by_letters) in enumerate(zip(files, sorted(files), strict=True), start=1):
+        if image != by_letters:
             warnings.warn(
                 f"{folder}: its {len(files)} images are taken in the order of the numbers in their names, "
-                f"{files[0].name} to {files[-1].name}: image {place + 1} is {here.name}, not {there.name}; for another "
-                f"order write a {_TABLES[0]} with the columns file_name,stamp_ns",
+                f"{files[0].name} to {files[-1].name}: image {number} is {image.name}, not {by_letters.name}; for "
+                f"another order write a {_TABLES[0]} with the columns file_name,stamp_ns",
                 stacklevel=1,
             )
             return
 
 
 def _stamp_of(path: Path) -> int | None:
+    """Returns the stamp in the name of a file, ns; None where it has none. See `read_folder` for the forms."""
     name = path.stem
-    if both := _SEC_NANOSEC.search(name):
-        return int(both[1]) * 1_000_000_000 + int(both[2])
-    if stamped := _WITH_UNIT.search(name):
-        factor = TIME_UNITS[stamped[2]]
-        return int(stamped[1]) * factor if stamped[1].isdigit() else round(float(stamped[1]) * factor)
+    if pair := _SEC_NANOSEC.search(name):
+        return int(pair[1]) * 1_000_000_000 + int(pair[2])
+    if with_unit := _WITH_UNIT.search(name):
+        factor = TIME_UNITS[with_unit[2]]
+        return int(with_unit[1]) * factor if with_unit[1].isdigit() else round(float(with_unit[1]) * factor)
     longest = max(_DIGITS.findall(name), key=len, default="")
     if len(longest) >= 12:  # since 1970: milliseconds have 12 or 13 digits, micro 15 or 16, nano 18 or 19
         return int(longest) * (1 if len(longest) >= 18 else 1_000 if len(longest) >= 15 else 1_000_000)

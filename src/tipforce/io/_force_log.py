@@ -92,15 +92,15 @@ def read_force_log(path: Path, info: ForceLogInfo | None = None, knob_column: st
         raise InputError(f"sensor.log.counts_per_n: expected a number, got {info.counts_per_n}")
     numbers = log.readings([axis.column for axis in axes] + ([knob_column] if knob_column else []))
     force = np.full((len(log.stamp_ns), 3), math.nan)
-    for place, axis in enumerate(axes):
-        force[:, axis.axis] = numbers[:, place] * axis.newtons
-        _plausible(log, force[:, axis.axis], numbers[:, place], axis.column)
+    for axis, readings in zip(axes, numbers.T, strict=False):
+        force[:, axis.axis] = readings * axis.newtons
+        _plausible(log, force[:, axis.axis], readings, axis.column)
     if knob_column:
         check_actuation(log, knob_column, numbers[:, -1], as_name=knob_column if "_" in knob_column else "knob_deg")
     status = info.status
     if status is None:
         status = next((name for name in log.table.columns if _STATUS.match(name)), "")
-    said = ", ".join(
+    columns = ", ".join(
         f"f{'xyz'[axis.axis]} = {'-' if axis.newtons < 0 else ''}{axis.column} ({abs(axis.newtons):.6g} N)"
         for axis in axes
     )
@@ -108,14 +108,14 @@ def read_force_log(path: Path, info: ForceLogInfo | None = None, knob_column: st
         log.stamp_ns,
         force,
         numbers[:, -1] if knob_column else None,
-        f"{log.time}, {said}" + (f", status = {status}" if status else ""),
+        f"{log.time}, {columns}" + (f", status = {status}" if status else ""),
         log.codes(status) if status else None,
         tuple(remarks),
     )
 
 
 def _plausible(log: Log, force_n: FloatArray, numbers: FloatArray, name: str) -> None:
-    """Raises TableError for a reading that no sensor gives."""
+    """Raises TableError for a reading that no sensor gives: force (n,) in N, ``numbers`` (n,) as in column ``name``."""
     row = FORCE_RANGE.outside(force_n)
     if row is not None:
         raise TableError(
@@ -142,45 +142,48 @@ def read_drive_log(path: Path, info: LogInfo | None = None, key: str = "actuatio
     log = open_log(path, info or LogInfo(), key)
     date = None if info is None else info.date
     names = [name for name in log.table.columns if name not in (*log.time_names, date) and name.lower() != "date"]
-    bad = next((name for name in names if "_" not in name.strip("_")), None)
-    if bad is not None or not names:
+    without_unit = [name for name in names if "_" not in name.strip("_")]
+    if without_unit or not names:
         raise TableError(
             f"{path}: expected a time and columns that end in their unit, as in time_s,knob_deg; got "
             f'{listed(log.table.columns)}; name the columns in bench.toml: {key}.columns = ["time_s", "knob_deg"], '
             'with "" for a column that is not read'
         )
     values = log.readings(names)
-    for place, name in enumerate(names):
-        check_actuation(
-            log, name, values[:, place], remedy=f"if it is no reading, state its text as {key}.missing in bench.toml"
-        )
-    return DriveLog(log.stamp_ns, {name: values[:, place] for place, name in enumerate(names)}, log.remarks)
+    readings = {name: values[:, index] for index, name in enumerate(names)}
+    for name, column in readings.items():
+        check_actuation(log, name, column, remedy=f"if it is no reading, state its text as {key}.missing in bench.toml")
+    return DriveLog(log.stamp_ns, readings, log.remarks)
 
 
 def _axes(log: Log, info: ForceLogInfo, remarks: list[str]) -> list[_Axis]:
-    """Returns column and newtons of every axis that the log has."""
+    """Returns column and newtons of every axis that the log has.
+
+    The columns are those that ``info`` states ("-fx" is fx with the other sign), else those with names of forces.
+    Assumptions on the unit are added to ``remarks``.
+    """
     table = log.table
-    found: list[tuple[int, str, float]] = []
+    axes: list[tuple[int, str, float]] = []  # axis 0 to 2, column, sign
     for axis, name in enumerate((info.fx, info.fy, info.fz)):
         if name is not None:
             column = name[1:] if name.startswith("-") and name not in table.columns else name
             table.column(column)
-            found.append((axis, column, -1.0 if column != name else 1.0))
-    if not found:
+            axes.append((axis, column, -1.0 if column != name else 1.0))
+    if not axes:
         matches = [(column, _AXIS.match(column)) for column in table.columns]
-        found = sorted(("xyz".index(match[1].lower()), column, 1.0) for column, match in matches if match)
-        if not found or len({axis for axis, _, _ in found}) < len(found):
+        axes = sorted(("xyz".index(match[1].lower()), column, 1.0) for column, match in matches if match)
+        if not axes or len({axis for axis, _, _ in axes}) < len(axes):
             raise TableError(
                 f"{table.path}: cannot determine which columns are the force ({listed(table.columns)}); state them as "
                 "sensor.log.fx, fy and fz in bench.toml"
             )
-    units = [_unit(log, column, info) for _, column, _ in found]
+    units = [_unit(log, column, info) for _, column, _ in axes]
     if info.counts_per_n is not None and "counts" not in units:
         raise InputError(
             f'{table.path}: no column holds counts; state sensor.log.force_unit = "counts", or leave counts_per_n out'
         )
-    newtons = _newtons(log, [column for _, column, _ in found], units, info, remarks)
-    return [_Axis(axis, column, sign * factor) for (axis, column, sign), factor in zip(found, newtons, strict=True)]
+    newtons = _newtons(log, [column for _, column, _ in axes], units, info, remarks)
+    return [_Axis(axis, column, sign * factor) for (axis, column, sign), factor in zip(axes, newtons, strict=True)]
 
 
 def _unit(log: Log, column: str, info: ForceLogInfo) -> str:
@@ -258,24 +261,24 @@ def logs_by_kind(paths: Sequence[Path], infos: Mapping[str, LogInfo] | None = No
     """
     if len(paths) == 1:
         return {"force": paths[0]}
-    infos, found = infos or {}, dict[str, Path]()
+    infos, logs = infos or {}, dict[str, Path]()
     for path in paths:
-        named = [kind for kind, info in infos.items() if info.columns and kind not in found]
+        named = [kind for kind, info in infos.items() if info.columns and kind not in logs]
         try:
             header = open_table(path, log=LogInfo(), key="sensor.log").columns
-        except TableError:
+        except TableError:  # it has no header, so it must be the only log whose columns bench.toml names
             if len(named) != 1:
                 raise
             header = infos[named[0]].columns
-        kind = _kind_of(header) or ("force" if "force" not in found else "")
-        if not kind or kind in found:
+        kind = _kind_of(header) or ("force" if "force" not in logs else "")
+        if not kind or kind in logs:
             raise TableError(
                 f"{path}: cannot determine the kind of this log ({listed(header)}); a log of the force has columns "
                 "like fx_n, one of the stage like forward_mm, one of the knob knob_deg; there is one log of each kind; "
                 "state those of stage and knob: `tipforce import VIDEO FORCE --stage FILE --knob FILE`"
             )
-        found[kind] = path
-    return found
+        logs[kind] = path
+    return logs
 
 
 def _kind_of(columns: Sequence[str]) -> str:

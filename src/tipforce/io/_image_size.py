@@ -22,15 +22,15 @@ _TIFF_KIND, _TIFF_WIDTH, _TIFF_HEIGHT = 254, 256, 257
 _TIFF_FORMATS = {3: "H", 4: "I", 16: "Q"}
 _TIFF_REDUCED_OR_MASK = 0b101
 """Bits of a TIFF page's kind: a smaller copy of another page, a mask of its transparency."""
-MAX_TIFF_PAGES = 1_000_000
+MAX_TIFF_PAGES, MAX_TIFF_ENTRIES = 1_000_000, 4096
+"""Number of pages, and of entries of one page, that are read of a file that may be damaged."""
 _WEBP_ANIMATED = 0b10
 
 
 def max_pixels() -> int:
     """Returns the largest number of pixels of one image: 100 million, or the value of ``TIPFORCE_MAX_MEGAPIXELS``.
 
-    Raises:
-        InputError: the variable is no number from 1 to 10,000.
+    Raises InputError where the variable is no number from 1 to 10,000.
     """
     stated = os.environ.get(MAX_MEGAPIXELS)
     try:
@@ -102,12 +102,13 @@ def encoded_size(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def _png(data: memoryview) -> tuple[int, int]:
-    at = 8
-    while at + 4 <= len(data):
-        (length,) = struct.unpack_from(">I", data, at)
+    """Returns width and height in px. Raises ValueError for a chunk that is longer than the file."""
+    offset = 8  # bytes of the signature
+    while offset + 4 <= len(data):
+        (length,) = struct.unpack_from(">I", data, offset)
         if length > len(data):  # the decoder would reserve that much memory before it checks
             raise ValueError("a chunk is longer than the file")
-        at += 12 + length
+        offset += 12 + length  # length, name and crc have 4 bytes each
     return struct.unpack_from(">II", data, 16)
 
 
@@ -123,6 +124,7 @@ def _bmp(data: memoryview) -> tuple[int, int]:
 
 
 def _webp(data: memoryview) -> tuple[int, int]:
+    """Returns width and height in px: 24 bits each (extended), or 14 bits each (lossless, lossy)."""
     kind = bytes(data[8:16])
     if kind == b"WEBPVP8X":
         return _little(data[24:27]) + 1, _little(data[27:30]) + 1
@@ -139,19 +141,20 @@ def _little(data: memoryview) -> int:
 
 
 def _jpeg(data: memoryview) -> tuple[int, int]:
-    at = 2
+    """Returns width and height in px. A segment is 0xFF, its marker and, for most markers, a length and content."""
+    offset = 2
     for _ in range(MAX_JPEG_SEGMENTS):
-        gap = bytes(data[at : at + MAX_JPEG_GAP_BYTES]).find(0xFF)  # decoders skip bytes between segments
+        gap = bytes(data[offset : offset + MAX_JPEG_GAP_BYTES]).find(0xFF)  # decoders skip bytes between segments
         if gap < 0:
             break
-        at += gap + 1
-        marker = data[at]
+        offset += gap + 1
+        marker = data[offset]
         if marker in _JPEG_SIZES:
-            height, width = struct.unpack_from(">HH", data, at + 4)
+            height, width = struct.unpack_from(">HH", data, offset + 4)
             return width, height
-        if marker == 0xFF:
+        if marker == 0xFF:  # a fill byte
             continue
-        at += 1 if marker in _JPEG_ALONE else 1 + struct.unpack_from(">H", data, at + 1)[0]
+        offset += 1 if marker in _JPEG_ALONE else 1 + struct.unpack_from(">H", data, offset + 1)[0]
     raise ValueError("no size in it")
 
 
@@ -162,26 +165,27 @@ def _tiff(data: memoryview) -> tuple[int, int]:
 
 
 def _tiff_pages(data: memoryview) -> Iterator[dict[int, int]]:
-    """Yields kind, width and height of each page of a TIFF file, as far as they are stated."""
+    """Yields kind, width and height (tag -> value) of each page of a TIFF file, as far as they are stated.
+
+    A page is a list of entries: tag, type and number of values, value. The position of the next page follows it.
+    """
     order = "<" if data[0] == ord("I") else ">"
     if struct.unpack_from(order + "H", data, 2)[0] == 43:  # BigTIFF
-        start, width_of_count, entry_bytes, value_at = "Q", "Q", 20, 12
-        first_at = 8
+        position_type, count_type, entry_bytes, value_offset, first_offset = "Q", "Q", 20, 12, 8
     else:
-        start, width_of_count, entry_bytes, value_at = "I", "H", 12, 8
-        first_at = 4
-    (at,) = struct.unpack_from(order + start, data, first_at)
+        position_type, count_type, entry_bytes, value_offset, first_offset = "I", "H", 12, 8, 4
+    (page,) = struct.unpack_from(order + position_type, data, first_offset)
     for _ in range(MAX_TIFF_PAGES):  # a damaged file may point back to an earlier page
-        (count,) = struct.unpack_from(order + width_of_count, data, at)
-        at += struct.calcsize(width_of_count)
-        found: dict[int, int] = {}
-        for entry in range(at, at + min(count, 4096) * entry_bytes, entry_bytes):
+        (count,) = struct.unpack_from(order + count_type, data, page)
+        entries = page + struct.calcsize(count_type)
+        values: dict[int, int] = {}
+        for entry in range(entries, entries + min(count, MAX_TIFF_ENTRIES) * entry_bytes, entry_bytes):
             tag, kind = struct.unpack_from(order + "HH", data, entry)
             if tag in (_TIFF_KIND, _TIFF_WIDTH, _TIFF_HEIGHT):
-                (found[tag],) = struct.unpack_from(order + _TIFF_FORMATS[kind], data, entry + value_at)
-        yield found
-        (at,) = struct.unpack_from(order + start, data, at + count * entry_bytes)
-        if at == 0:
+                (values[tag],) = struct.unpack_from(order + _TIFF_FORMATS[kind], data, entry + value_offset)
+        yield values
+        (page,) = struct.unpack_from(order + position_type, data, entries + count * entry_bytes)
+        if page == 0:
             return
 
 
@@ -213,8 +217,8 @@ def image_count(data: bytes | memoryview) -> int:
         if begin in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
             return max(1, len(tiff_pages(data)))
         if begin == b"\x89PNG":
-            at = bytes(data[:4096]).find(b"acTL")  # this chunk is in front of the pixels
-            return max(1, struct.unpack_from(">I", data, at + 4)[0]) if at > 0 else 1
+            name = bytes(data[:4096]).find(b"acTL")  # this chunk is in front of the pixels
+            return max(1, struct.unpack_from(">I", data, name + 4)[0]) if name > 0 else 1
         if bytes(data[8:16]) == b"WEBPVP8X":
             return 2 if data[20] & _WEBP_ANIMATED else 1
     except (struct.error, IndexError, KeyError):  # cut off or damaged, which the decoder reports

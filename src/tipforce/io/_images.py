@@ -163,10 +163,10 @@ def raw_image(data: bytes | memoryview) -> npt.NDArray[Any] | None:
 def _stated_bits(data: bytes | memoryview) -> int | None:
     """Returns the bits in use that a PNG states in its chunk ``sBIT``, 9 to 16; None where it states none."""
     head = bytes(data[:4096])
-    end, at = head.find(b"IDAT"), head.find(b"sBIT")
-    if not head.startswith(b"\x89PNG") or at < 0 or (0 <= end < at):
+    pixels, name = head.find(b"IDAT"), head.find(b"sBIT")
+    if not head.startswith(b"\x89PNG") or name < 0 or (0 <= pixels < name):  # among pixels it is no name
         return None
-    bits = head[at + 4]
+    bits = head[name + 4]
     return bits if 8 < bits <= 16 else None
 
 

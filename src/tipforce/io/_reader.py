@@ -35,6 +35,7 @@ from ._cdr import (
     ESTIMATE,
     FORCE_ESTIMATE,
     JOINT_STATE,
+    WRENCH_BYTES,
     WRENCH_STAMPED,
     unpack_estimate,
     unpack_image,
@@ -118,10 +119,10 @@ def stream_info(name: str, topic: str, kind: str, times_ns: IntArray) -> StreamI
         first = int(times_ns[0]) if len(times_ns) else 0
         return StreamInfo(name, topic, kind, len(times_ns), 0.0, first, first, 0)
     steps = np.diff(times_ns)
-    usual = float(np.median(steps))
+    usual_step = float(np.median(steps))
     # knob readings come when the knob moves: only a regular stream can have lost some
-    regular = kind in ("frame", "wrench") and usual > 0
-    dropped = int(np.sum(np.maximum(np.rint(steps / usual) - 1, 0))) if regular else 0
+    regular = kind in ("frame", "wrench") and usual_step > 0
+    dropped = int(np.sum(np.maximum(np.rint(steps / usual_step) - 1, 0))) if regular else 0
     span = int(times_ns[-1] - times_ns[0])
     rate = 1e9 * (len(times_ns) - 1 + dropped) / span if span else 0.0
     return StreamInfo(name, topic, kind, len(times_ns), rate, int(times_ns[0]), int(times_ns[-1]), dropped)
@@ -136,6 +137,7 @@ class RecordingReader(ClosedAtExit):
     """
 
     def __init__(self, path: Path | str) -> None:
+        """Opens the file, recovers it first if it was cut off, and reads its channels and session metadata."""
         self.path, self.recovered = resolve(Path(path))
         if self.recovered:
             warnings.warn(self.recovered, stacklevel=2)
@@ -253,9 +255,10 @@ class RecordingReader(ClosedAtExit):
             stream: name of the view.
         """
         entries = self._of(stream)
-        data = self._image_at(stream, *(int(each[index]) for each in (entries.chunk, entries.time_ns, entries.offset)))
+        chunk, time_ns, offset = (int(column[index]) for column in (entries.chunk, entries.time_ns, entries.offset))
+        data = self._image_at(stream, chunk, time_ns, offset)
         image = decode_image(data, f"{self.path}, frame {index}", self._depth(stream))
-        return Frame(int(entries.time_ns[index]), image, stream)
+        return Frame(time_ns, image, stream)
 
     def _image_at(self, stream: str, chunk: int, time_ns: int, offset: int) -> memoryview:
         raw = self._file.payload(chunk, self._topics[stream][0], time_ns, offset)
@@ -278,9 +281,10 @@ class RecordingReader(ClosedAtExit):
         return self._of(stream).time_ns
 
     def wrench_blocks(self, stream: str = "force") -> Iterator[tuple[IntArray, FloatArray, str]]:
-        """Yields stamps (m,), force and torque (m, 6) and frame of reference, chunk by chunk.
+        """Yields stamps (m,) in ns, force (N) and torque (N m) as (m, 6), and frame of reference, chunk by chunk.
 
-        Raises FileFormatError for a force that no sensor reads.
+        All messages of a chunk are read as one array of bytes, faster than one by one. Raises FileFormatError for a
+        force that no sensor reads.
         """
         channel, _ = self._topics[self._known(stream)]
         for number in range(len(self._file.chunks)):
@@ -291,17 +295,18 @@ class RecordingReader(ClosedAtExit):
             # one writer gives all its messages the same frame and so the same length; others are grouped by length
             lengths = self._file.message_lengths(number, channel, times, offsets)
             for length in np.unique(lengths).tolist():
-                same = lengths == length
-                start = int(offsets[same][0]) + MESSAGE_HEAD
+                same_length = lengths == length
+                stamps, records = times[same_length], offsets[same_length]
+                start = int(records[0]) + MESSAGE_HEAD
                 first = data[start : start + length].tobytes()
-                frame, place = self._unpacked(wrench_layout, first, int(times[same][0]))
-                places = offsets[same][:, None] + (MESSAGE_HEAD + place + np.arange(48))
-                values = data[places].view("<f8").astype(np.float64)
+                frame, numbers_at = self._unpacked(wrench_layout, first, int(stamps[0]))
+                number_bytes = records[:, None] + (MESSAGE_HEAD + numbers_at + np.arange(WRENCH_BYTES))
+                values = data[number_bytes].view("<f8").astype(np.float64)
                 first_outside = FORCE_RANGE.outside(values[:, :3].ravel())
                 if first_outside is not None:
                     row, axis = divmod(first_outside, 3)
-                    raise self._implausible("force", int(times[same][row]), values[row, axis], FORCE_RANGE)
-                yield times[same], values, frame
+                    raise self._implausible("force", int(stamps[row]), values[row, axis], FORCE_RANGE)
+                yield stamps, values, frame
 
     def wrenches(self, stream: str = "force") -> tuple[IntArray, FloatArray, FloatArray]:
         """Returns raw stamps (n,), force (n, 3) and torque (n, 3) as the sensor gave them, on its own clock."""
@@ -317,6 +322,7 @@ class RecordingReader(ClosedAtExit):
 
     @cached_property
     def _actuation(self) -> ActuationSeries:
+        """All readings of the catheter's drives, without those of the stage."""
         series = ActuationSeries()
         for name, (_, kind) in self._topics.items():
             if kind == "actuation" and name != STAGE:

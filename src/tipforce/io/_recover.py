@@ -97,7 +97,16 @@ def check_target(path: Path, *, overwrite: bool, origin: str) -> None:
 
 @dataclass
 class _Findings:
-    """Findings of reading a damaged file."""
+    """Findings of reading a damaged file.
+
+    Attributes:
+        lost_bytes: size of the record in which the file is cut off.
+        lost_s: times of the first and last message of each damaged chunk.
+        messages: number of messages that were read.
+        finished: whether the file has its index, which is written last.
+        uncertain_metadata: whether the metadata may be damaged.
+        last_s: time of the last message of a file that is cut off.
+    """
 
     lost_bytes: int = 0
     lost_s: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
@@ -110,21 +119,21 @@ class _Findings:
         """Notes a chunk that cannot be read."""
         self.lost_s.append((first_ns * 1e-9, last_ns * 1e-9))
 
-    def said(self, name: str) -> str:
-        """Returns one line on the losses."""
+    def summary(self, name: str) -> str:
+        """Returns one line on the losses in the file ``name``."""
         if self.finished and not (self.lost_s or self.uncertain_metadata):
             return f"{name} was whole: {self.messages} messages recovered"
-        said = f"{name} was {'damaged' if self.finished else 'cut off'}: {self.messages} messages recovered"
-        said += f", {self.lost_bytes} bytes of an unfinished record lost" if self.lost_bytes else ""
+        line = f"{name} was {'damaged' if self.finished else 'cut off'}: {self.messages} messages recovered"
+        line += f", {self.lost_bytes} bytes of an unfinished record lost" if self.lost_bytes else ""
         if self.last_s is not None:
-            said += f"; the last message is of {self.last_s:.3f} s, later ones are lost in all streams"
+            line += f"; the last message is of {self.last_s:.3f} s, later ones are lost in all streams"
         if self.lost_s:
             shown = ", ".join(f"{first:.3f} to {last:.3f} s" for first, last in self.lost_s[:4])
             more = f" and {len(self.lost_s) - 4} more" if len(self.lost_s) > 4 else ""
-            said += f", {len(self.lost_s)} damaged chunks lost ({shown}{more})"
+            line += f", {len(self.lost_s)} damaged chunks lost ({shown}{more})"
         if self.uncertain_metadata:
-            said += "; its metadata (session, tare, clock map) may be damaged, too: compare them with `inspect`"
-        return said
+            line += "; its metadata (session, tare, clock map) may be damaged, too: compare them with `inspect`"
+        return line
 
 
 def resolve(path: Path) -> tuple[Path, str]:
@@ -193,7 +202,7 @@ def recover(part: Path, target: Path, *, keep: bool = False, facts: Sequence[Fac
         FileFormatError: nothing is left, or another process is writing it.
     """
     unfinished = target.with_name(target.name + ".recovering")
-    found = _Findings()
+    findings = _Findings()
     with part.open("rb") as source, unfinished.open("wb") as sink:
         lock(source, part)
         writer = Writer(sink, compression=CompressionType.NONE, chunk_size=4 << 20, enable_data_crcs=True)
@@ -201,7 +210,7 @@ def recover(part: Path, target: Path, *, keep: bool = False, facts: Sequence[Fac
         schemas: dict[int, int] = {}  # number in the damaged file -> number in the new one
         channels: dict[int, int] = {}
         last_ns = 0
-        for record in _records(source, found):
+        for record in _records(source, findings):
             if isinstance(record, Schema) and record.id not in schemas:
                 schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
             elif isinstance(record, Channel) and record.id not in channels and record.schema_id in schemas:
@@ -209,25 +218,25 @@ def recover(part: Path, target: Path, *, keep: bool = False, facts: Sequence[Fac
                     record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
                 )
             elif isinstance(record, Message) and record.channel_id in channels:
-                found.messages += 1
+                findings.messages += 1
                 last_ns = max(last_ns, record.log_time)
                 channel = channels[record.channel_id]
                 writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
             elif isinstance(record, Metadata):
                 writer.add_metadata(record.name, record.metadata)
-        if not found.finished and found.messages:
-            found.last_s = last_ns * 1e-9
-        losses = found.said(part.name if keep else target.name)
-        if found.messages:
+        if not findings.finished and findings.messages:
+            findings.last_s = last_ns * 1e-9
+        losses = findings.summary(part.name if keep else target.name)
+        if findings.messages:
             for fact in facts:
                 writer.add_metadata(record_name(fact), fact.record())
             writer.add_metadata("tipforce.recovered", {"detail": losses})
             writer.finish()
             sink.flush()
             os.fsync(sink.fileno())
-    if not found.messages:
+    if not findings.messages:
         unfinished.unlink()
-        why = "no message in it is whole" if found.finished else "was cut off before its first message was written"
+        why = "no message in it is whole" if findings.finished else "was cut off before its first message was written"
         raise FileFormatError(f"{part}: {why}; nothing is in it, remove it")
     unfinished.replace(target)
     if not keep:
@@ -240,14 +249,14 @@ def whole_records(stream: IO[bytes]) -> Iterator[object]:
     return _records(stream, _Findings())
 
 
-def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
+def _records(stream: IO[bytes], findings: _Findings) -> Iterator[object]:
     """Yields the undamaged records, also those in chunks, up to the end of the file or of its undamaged part.
 
     A record is its opcode, its length and its content. Where a length is damaged, the index at the end of the file, if
-    there is one, gives the position of the next chunk, and reading goes on there. ``found`` is updated.
+    there is one, gives the position of the next chunk, and reading goes on there. ``findings`` is updated.
     """
     size = stream.seek(0, 2)
-    summary = _index_of(stream, found)
+    summary = _index_of(stream, findings)
     chunks = {} if summary is None else {chunk.chunk_start_offset: chunk for chunk in summary.chunk_indexes}
     starts = sorted(chunks)
     if summary is not None:  # compared with its checksum, unlike the same records between the chunks
@@ -259,12 +268,13 @@ def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
         start = stream.tell()
         head = stream.read(_HEAD.size)
         if len(head) < _HEAD.size:
-            found.lost_bytes += len(head) if head != MCAP0_MAGIC else 0
+            findings.lost_bytes += len(head) if head != MCAP0_MAGIC else 0
             return
         opcode, length = _HEAD.unpack(head)
+        # the chunk that the index has here, and the number of the next chunk in the index
         chunk, following = chunks.get(start), bisect_right(starts, start)
         if chunk and (opcode != Opcode.CHUNK or length != chunk.chunk_length - _HEAD.size):
-            found.lose(chunk.message_start_time, chunk.message_end_time)
+            findings.lose(chunk.message_start_time, chunk.message_end_time)
             # forward, but not beyond the next chunk, for any length that the index states
             end = starts[following] if following < len(starts) else size
             stream.seek(min(start + max(chunk.chunk_length, _HEAD.size), end))
@@ -276,35 +286,35 @@ def _records(stream: IO[bytes], found: _Findings) -> Iterator[object]:
             return
         whole = stream.tell() + length <= size
         if opcode == Opcode.CHUNK:
-            yield from _chunk(stream.read(min(length, size)), found, whole)
+            yield from _chunk(stream.read(min(length, size)), findings, whole)
         elif whole and opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.METADATA):
             yield _parse(opcode, stream.read(length))
         elif whole:
             stream.seek(length, 1)
         if not whole:
-            found.lost_bytes += min(_HEAD.size + length, size)
+            findings.lost_bytes += min(_HEAD.size + length, size)
             return
 
 
-def _index_of(stream: IO[bytes], found: _Findings) -> Summary | None:
+def _index_of(stream: IO[bytes], findings: _Findings) -> Summary | None:
     """Returns the index at the end of the file; None where it is incomplete, as in a file that was cut off."""
     index = whole_summary(stream)
     if index is None:
         return None
-    found.finished = True
+    findings.finished = True
     try:
-        found.uncertain_metadata = not frame_is_whole(stream, *index)
+        findings.uncertain_metadata = not frame_is_whole(stream, *index)
     except (struct.error, ValueError, OSError):
-        found.uncertain_metadata = True
+        findings.uncertain_metadata = True
     return index[0]
 
 
-def _chunk(raw: bytes, found: _Findings, whole: bool) -> Iterator[object]:
+def _chunk(raw: bytes, findings: _Findings, whole: bool) -> Iterator[object]:
     """Yields the records of a chunk: before the cut if it is cut off; only schemas and channels if it is damaged.
 
     Args:
         raw: the content of the chunk.
-        found: the findings, which are updated.
+        findings: the findings, which are updated.
         whole: whether the chunk is complete.
     """
     if whole:
@@ -312,7 +322,7 @@ def _chunk(raw: bytes, found: _Findings, whole: bool) -> Iterator[object]:
             records = breakup_chunk(Chunk.read(ReadDataStream(BytesIO(raw))), validate_crc=True)
         except Exception:  # a decompressor or parser met damage; each raises its own kind of error
             first, last = struct.unpack_from("<QQ", raw) if len(raw) >= _CHUNK_HEAD.size else (0, 0)
-            found.lose(first, last)
+            findings.lose(first, last)
             # the damaged message is unknown, but schemas and channels that later messages need may be only here
             yield from (record for record in _inside(raw) if isinstance(record, Schema | Channel))
             return
@@ -326,23 +336,24 @@ def _inside(raw: bytes) -> Iterator[object]:
     if len(raw) < _CHUNK_HEAD.size:
         return
     name_length = _CHUNK_HEAD.unpack_from(raw)[-1]
-    at = _CHUNK_HEAD.size + name_length + 8
     if name_length:  # compressed: it cannot be read without its end
         return
-    while at + _HEAD.size <= len(raw):
-        opcode, length = _HEAD.unpack_from(raw, at)
-        at += _HEAD.size
-        if at + length > len(raw):
+    offset = _CHUNK_HEAD.size + 8  # 8 bytes: the size of the records
+    while offset + _HEAD.size <= len(raw):
+        opcode, length = _HEAD.unpack_from(raw, offset)
+        offset += _HEAD.size
+        if offset + length > len(raw):
             return
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-            yield _parse(opcode, raw[at : at + length])
-        at += length
+            yield _parse(opcode, raw[offset : offset + length])
+        offset += length
 
 
 def _parse(opcode: int, raw: bytes) -> object:
+    """Returns the record in ``raw``; None where it is damaged."""
     stream = ReadDataStream(BytesIO(raw))
     kind = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
     try:
         return Message.read(stream, len(raw)) if opcode == Opcode.MESSAGE else kind[Opcode(opcode)].read(stream)
-    except (McapError, ValueError, struct.error):  # its length or its text is damaged
+    except (McapError, ValueError, struct.error):
         return None

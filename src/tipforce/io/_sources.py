@@ -1,5 +1,6 @@
 """Opens every kind of file that holds events: video, DICOM, images, ROS bag, recording."""
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -58,6 +59,7 @@ class FileSource(ClosedAtExit):
     def __init__(
         self, path: Path, actuation: Mapping[str, float], stated: SessionInfo, view: str | None = None
     ) -> None:
+        """Opens the file, and joins its metadata and drives with the stated ones; see the class."""
         self.path, self.views = path, (view or view_of_file(path, stated.views),)
         self._file = _opened(path)
         self.remarks: tuple[str, ...] = ()
@@ -100,12 +102,13 @@ class FileSource(ClosedAtExit):
         return values[np.isfinite(values)]
 
     def __iter__(self) -> Iterator[Event]:
-        for place, frame in enumerate(self._file.frames(self.views[0])):
-            if place == 0 and self._actuation:
+        """Yields the constant readings before the first image, and before each image the readings of its row."""
+        for row, frame in enumerate(self._file.frames(self.views[0])):
+            if row == 0 and self._actuation:
                 yield Actuation(frame.stamp_ns, self._actuation)
             if self._columns:
-                here = {name: float(values[place]) for name, values in self._columns.items()}
-                yield Actuation(frame.stamp_ns, {name: value for name, value in here.items() if value == value})
+                readings = {name: float(values[row]) for name, values in self._columns.items()}
+                yield Actuation(frame.stamp_ns, {n: value for n, value in readings.items() if not math.isnan(value)})
             yield frame
 
 
@@ -125,14 +128,20 @@ def view_of_file(path: Path, stated: Iterable[str]) -> str:
     names = tuple(stated)
     if len(names) == 1:
         return names[0]
-    ends = [name for name in names if path.stem == name or path.stem.endswith((f"_{name}", f"-{name}"))]
-    return max(ends, key=len, default=DEFAULT_VIEW)
+    matching = [name for name in names if path.stem == name or path.stem.endswith((f"_{name}", f"-{name}"))]
+    return max(matching, key=len, default=DEFAULT_VIEW)
 
 
 def _with_geometry(info: SessionInfo, view: str, file: DicomFile) -> tuple[SessionInfo, tuple[str, ...]]:
-    """Returns metadata with the geometry of a DICOM file where they state none, and sentences on it."""
-    stated, found, name = info.view(view), file.view.info, file.path.name
-    if found == ViewInfo():
+    """Returns metadata with the geometry of a DICOM file where they state none, and sentences on it.
+
+    Args:
+        info: metadata of the session; they have precedence.
+        view: name of the view that the file shows.
+        file: the file.
+    """
+    stated, header, name = info.view(view), file.view.info, file.path.name
+    if header == ViewInfo():
         return info, ()
     remarks = [f"{name}, view {view}: {file.view.found}"] if file.view.found else []
     remarks += [
@@ -140,29 +149,29 @@ def _with_geometry(info: SessionInfo, view: str, file: DicomFile) -> tuple[Sessi
         for text in file.view.missing
         if not ("projection" in text and stated.projection) and not ("metres_per_px" in text and stated.metres_per_px)
     ]
-    made = replace(stated, modality=stated.modality or found.modality)
+    filled = replace(stated, modality=stated.modality or header.modality)
     if stated.metres_per_px is None:
-        made = replace(
-            made,
-            metres_per_px=found.metres_per_px,
-            metres_per_px_uncertainty=found.metres_per_px_uncertainty,
+        filled = replace(
+            filled,
+            metres_per_px=header.metres_per_px,
+            metres_per_px_uncertainty=header.metres_per_px_uncertainty,
         )
-    elif found.metres_per_px is not None and found.metres_per_px_uncertainty is not None:
-        ratio = stated.metres_per_px / found.metres_per_px
-        if abs(ratio - 1.0) > MAX_SCALE_RATIO_STDS * found.metres_per_px_uncertainty:
+    elif header.metres_per_px is not None and header.metres_per_px_uncertainty is not None:
+        ratio = stated.metres_per_px / header.metres_per_px
+        if abs(ratio - 1.0) > MAX_SCALE_RATIO_STDS * header.metres_per_px_uncertainty:
             remarks.append(
                 f"{name}, view {view}: views.{view}.metres_per_px of bench.toml is {ratio:.2f} times the scale of the "
                 "header, and is used; check it"
             )
-    if stated.projection is None and found.projection is not None:
-        made = replace(
-            made,
-            projection=found.projection,
-            projection_frame=found.projection_frame,
-            pose_uncertainty_deg=stated.pose_uncertainty_deg or found.pose_uncertainty_deg,
-            pose_uncertainty_m=stated.pose_uncertainty_m or found.pose_uncertainty_m,
+    if stated.projection is None and header.projection is not None:
+        filled = replace(
+            filled,
+            projection=header.projection,
+            projection_frame=header.projection_frame,
+            pose_uncertainty_deg=stated.pose_uncertainty_deg or header.pose_uncertainty_deg,
+            pose_uncertainty_m=stated.pose_uncertainty_m or header.pose_uncertainty_m,
         )
-    return replace(info, views={**info.views, view: made}), tuple(remarks)
+    return replace(info, views={**info.views, view: filled}), tuple(remarks)
 
 
 class FilesOfViews(ClosedAtExit):
@@ -183,14 +192,15 @@ class FilesOfViews(ClosedAtExit):
     """
 
     def __init__(self, paths: Sequence[Path], stated: SessionInfo) -> None:
+        """Determines the view of each file and opens it; see the class for the rules."""
         dicom = {path: DicomFile(path) for path in paths if is_dicom(path)}
         planes = {path: file.view.plane for path, file in dicom.items() if file.view.plane}
         names = {path: view_of_file(path, stated.views) for path in paths}
         known = {*stated.views}
-        by_name = len(set(names.values())) == len(paths) and known.issuperset(names.values())
-        described = not known or not known.isdisjoint(planes.values())
-        if described and not by_name and len(set(planes.values())) == len(paths):
-            names, known = planes, set[str]()
+        names_differ = len(set(names.values())) == len(paths) and known.issuperset(names.values())
+        planes_fit = not known or not known.isdisjoint(planes.values())
+        if planes_fit and not names_differ and len(set(planes.values())) == len(paths):
+            names, known = planes, set[str]()  # the planes need no description in the metadata
         elif not known:
             names = {path: re.split(r"\W|_", path.stem)[-1] or path.stem for path in paths}
         for path, view in names.items():
@@ -206,12 +216,12 @@ class FilesOfViews(ClosedAtExit):
         if any(file.remarks for file in self._files):
             self.session_info = replace(self.session_info, views={**self.session_info.views, **views})
         self._later_ns = _later_ns(dicom) if len(dicom) == len(paths) else [0] * len(paths)
-        moved = [
+        shift_remarks = [
             f"{path.name}: its stamps are {later * 1e-9:.6f} s later, because its ContentTime is"
             for path, later in zip(names, self._later_ns, strict=True)
             if later
         ]
-        self.remarks = (*(remark for file in self._files for remark in file.remarks), *moved)
+        self.remarks = (*(remark for file in self._files for remark in file.remarks), *shift_remarks)
 
     @property
     def frame_count(self) -> int:
@@ -237,24 +247,24 @@ def _moved(events: Iterable[Event], later_ns: int) -> Iterator[Event]:
 
 
 def _later_ns(files: Mapping[Path, DicomFile]) -> list[int]:
-    """Returns the time of each file's zero after that of the earliest one; 0 where a file does not state its time.
+    """Returns the time of each file's zero after that of the earliest one, ns; all 0 where one states no time.
 
-    Raises:
-        TimeError: two files do not overlap.
+    Raises TimeError where two files do not overlap.
     """
     stated = [file.start_ns for file in files.values()]
     starts = [start for start in stated if start is not None]
     if len(starts) < len(stated):
         return [0] * len(stated)
     later = [start - min(starts) for start in starts]
-    spans = [[moved + stamp for stamp in file.span_ns()] for file, moved in zip(files.values(), later, strict=True)]
-    latest = max(range(len(spans)), key=lambda k: spans[k][0])
-    earliest = min(range(len(spans)), key=lambda k: spans[k][1])
-    if spans[latest][0] > spans[earliest][1]:
+    spans = [[shift + stamp for stamp in file.span_ns()] for file, shift in zip(files.values(), later, strict=True)]
+    starts_last = max(range(len(spans)), key=lambda k: spans[k][0])
+    ends_first = min(range(len(spans)), key=lambda k: spans[k][1])
+    if spans[starts_last][0] > spans[ends_first][1]:
         names = [path.name for path in files]
         raise TimeError(
-            f"{names[latest]}: begins {1e-9 * (spans[latest][0] - spans[earliest][1]):.1f} s after the end of "
-            f"{names[earliest]}, by their ContentTime; two views are the planes of one run: import the files one by one"
+            f"{names[starts_last]}: begins {1e-9 * (spans[starts_last][0] - spans[ends_first][1]):.1f} s after the end "
+            f"of {names[ends_first]}, by their ContentTime; two views are the planes of one run: import the files one "
+            "by one"
         )
     return later
 
@@ -299,15 +309,15 @@ def open_source(
     if where.suffix in (".mcap", ".part") and not is_bag(where):
         reader = RecordingReader(where)
         constant = {} if stated is None else stated.actuation.constant
-        wanted = {**constant, **(actuation or {})}
-        lacking = set(_never_read(reader, wanted))
-        carried = sorted(set(actuation or {}) - lacking)
-        if carried:
+        constant_readings = {**constant, **(actuation or {})}
+        lacking = set(_never_read(reader, constant_readings))
+        stated_twice = sorted(set(actuation or {}) - lacking)
+        if stated_twice:
             reader.close()
-            raise InputError(f"{where}: carries {', '.join(carried)} itself; do not state it as well")
-        filled = {name: value for name, value in wanted.items() if name in lacking}
-        silent = not filled and stated in (None, SessionInfo())
-        return reader if silent else _Stated(reader, filled, stated or SessionInfo())
+            raise InputError(f"{where}: carries {', '.join(stated_twice)} itself; do not state it as well")
+        filled = {name: value for name, value in constant_readings.items() if name in lacking}
+        nothing_added = not filled and stated in (None, SessionInfo())
+        return reader if nothing_added else _Stated(reader, filled, stated or SessionInfo())
     if not where.exists():
         raise FileFormatError(f"{where}: there is no such file or folder")
     if is_bag(where):

@@ -22,18 +22,17 @@ class ImageStack:
     """
 
     def __init__(self, path: Path) -> None:
+        """Reads number and size of the pages, which must be the same for all."""
         self.path = path
         data = file_bytes(path)
         check_encoded(data, str(path))
         pages = tiff_pages(data)
         self._numbers = tuple(pages)
         self._bits: int | None = None
-        sizes = {size: number for number, size in pages.items()}
-        if len(sizes) > 1:
-            said = " and ".join(
-                f"{width} x {height} pixels (page {sizes[width, height] + 1})" for width, height in sizes
-            )
-            raise FileFormatError(f"{path}: its pages differ in size: {said}; save those of one camera in a file")
+        page_of_size = {size: number for number, size in pages.items()}
+        if len(page_of_size) > 1:
+            listed = " and ".join(f"{size[0]} x {size[1]} pixels (page {n + 1})" for size, n in page_of_size.items())
+            raise FileFormatError(f"{path}: its pages differ in size: {listed}; save those of one camera in a file")
 
     @property
     def frame_count(self) -> int:
@@ -64,9 +63,9 @@ class ImageStack:
         """Yields the decoded pages."""
         data = np.frombuffer(file_bytes(self.path), np.uint8)
         for number in self._numbers:
-            whole, pages = cv2.imdecodemulti(
+            decoded, pages = cv2.imdecodemulti(
                 data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH, None, (number, number + 1)
             )
-            if not whole or not pages:
+            if not decoded or not pages:
                 raise FileFormatError(f"{self.path}: page {number + 1} is damaged; copy the file again")
             yield pages[0]

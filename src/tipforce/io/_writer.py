@@ -93,6 +93,7 @@ class RecordingWriter:
         overwrite: bool = False,
         origin: str = "record",
     ) -> None:
+        """Locks and opens the ``.part``, writes the session metadata, and starts the thread that flushes."""
         self.path, self.part = Path(path), part_of(Path(path))
         check_target(self.path, overwrite=overwrite, origin=origin)
         self._lossless, self._quality = lossless, jpeg_quality
@@ -255,7 +256,7 @@ class RecordingWriter:
 
     def _fail(self, why: str) -> OutputError:
         """Ends the writing; the error states how much of the recording is left."""
-        file = os.dup(self._stream.fileno())
+        file = os.dup(self._stream.fileno())  # stays open when the stream is closed below
         self._failed = OutputError(f"{why}; {self._left(os.fstat(file).st_nlink)}")
         with contextlib.suppress(OSError):  # its buffer cannot be written either
             self._held.close()
@@ -266,6 +267,7 @@ class RecordingWriter:
         return self._failed
 
     def _left(self, links: int) -> str:
+        """Returns the remainder of the recording, for a message; the file has ``links`` names, 0 if it was removed."""
         if links == 0 or self._kept is None:
             return "nothing of this recording is kept"
         where = f"{self.part}" if self.part.exists() else f"{self.part.name}, wherever it was moved to"
@@ -284,6 +286,7 @@ class RecordingWriter:
             raise TimeError(f"{self.path}: the stamp {stamp_ns} ns is before zero, which the format cannot hold")
 
     def _add(self, topic: str, schema: str, stamp_ns: int, message: bytes) -> None:
+        """Adds a packed message to the current chunk, and ends the chunk when it is old or long enough."""
         with self._lock:
             if self._closed:
                 raise FileFormatError(f"{self.path}: the recording is closed")
@@ -307,6 +310,7 @@ class RecordingWriter:
         return self._channels[topic]
 
     def _flush(self) -> None:
+        """Ends the current chunk and hands it to the operating system; the caller holds the lock."""
         with self._keeping_whole_records():
             self._mcap.flush()
             self._check_in_place()
@@ -337,8 +341,8 @@ def write_force_csv(path: Path | str, stamps_ns: IntArray, force_n: FloatArray) 
         stamps_ns: (n,) stamps.
         force_n: (n, 3) forces, N; an axis that is NaN throughout is left out.
     """
-    known = [axis for axis in range(3) if not np.isnan(force_n[:, axis]).all()]
+    axes = [axis for axis in range(3) if not np.isnan(force_n[:, axis]).all()]
     with atomic_text(Path(path)) as out:
-        out.write(",".join(["stamp_ns", *(f"f{'xyz'[axis]}_n" for axis in known)]) + "\n")
-        for stamp, row in zip(stamps_ns.tolist(), force_n[:, known].tolist(), strict=True):
+        out.write(",".join(["stamp_ns", *(f"f{'xyz'[axis]}_n" for axis in axes)]) + "\n")
+        for stamp, row in zip(stamps_ns.tolist(), force_n[:, axes].tolist(), strict=True):
             out.write(",".join([str(stamp), *(f"{value:.6g}" for value in row)]) + "\n")

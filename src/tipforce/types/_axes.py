@@ -80,9 +80,6 @@ class Commanded:
             wanted: requested target of each axis, by name.
             limits: limits of each axis, by name.
 
-        Returns:
-            The command as it takes effect.
-
         Raises:
             ValueError: an axis is unknown or a value is not finite; the whole command is refused.
 
@@ -94,4 +91,4 @@ class Commanded:
             if not math.isfinite(value):
                 raise ValueError(f"{name}: expected a finite number, got {value}")
         targets = {name: limits[name].clipped(float(value)) for name, value in wanted.items()}
-        return cls(stamp_ns, targets, {n: float(v) for n, v in wanted.items() if targets[n] != v})
+        return cls(stamp_ns, targets, {name: float(value) for name, value in wanted.items() if targets[name] != value})

@@ -30,7 +30,7 @@ def edited_bench(text: str, values: Mapping[str, tuple[Any, str]], where: str = 
     <BLANKLINE>
     """
     try:
-        wanted: dict[str, Any] = tomllib.loads(text)
+        expected: dict[str, Any] = tomllib.loads(text)
     except ValueError as error:
         raise InputError(f"{where}: is no TOML: {error}") from None
     lines = text.splitlines()
@@ -41,22 +41,26 @@ def edited_bench(text: str, values: Mapping[str, tuple[Any, str]], where: str = 
         nested: Any = value
         for part in reversed((*section, name)):
             nested = {part: nested}
-        wanted = merged_values(wanted, nested)
-    made = "\n".join(lines) + "\n"
+        expected = merged_values(expected, nested)
+    edited = "\n".join(lines) + "\n"
     try:
-        same = tomllib.loads(made) == wanted
+        as_wanted = tomllib.loads(edited) == expected
     except ValueError:
-        same = False
-    if not same:
+        as_wanted = False
+    if not as_wanted:
         raise InputError(
             f"{where}: {', '.join(values)} cannot be written into it line by line; write each section as a table of "
             "its own, as in [catheter], or name another output"
         )
-    return made
+    return edited
 
 
 def _set(lines: list[str], section: tuple[str, ...], name: str, written: str) -> list[str]:
-    """Returns ``lines`` with ``written`` as the line of ``name`` in ``section``."""
+    """Returns ``lines`` with ``written`` as the line of ``name`` in ``section``.
+
+    It replaces the present value, which stays as a comment above it, else the comment of this name ("#name = ..."), or
+    is added at the end of the section.
+    """
     start, end = _section(lines, section)
     if start is None:
         header = "[" + ".".join(toml_key(part) for part in section) + "]"
@@ -80,7 +84,7 @@ def _set(lines: list[str], section: tuple[str, ...], name: str, written: str) ->
 
 
 def _section(lines: list[str], section: tuple[str, ...]) -> tuple[int | None, int]:
-    """Returns first and last + 1 line of a table, without its header."""
+    """Returns the first line of a table after its header (None without the table), and the line after its last one."""
     start: int | None = None
     for row, line in enumerate(lines):
         if not line.lstrip().startswith("["):
@@ -98,14 +102,14 @@ def _section(lines: list[str], section: tuple[str, ...]) -> tuple[int | None, in
 def _header(line: str) -> tuple[str, ...] | None:
     """Returns the path of the header of a table; None for a line that is no header, as of an array."""
     try:
-        found: Any = tomllib.loads(line)
+        table: Any = tomllib.loads(line)
     except ValueError:
         return None
     path: list[str] = []
-    while isinstance(found, dict) and found:
-        (key,) = found
+    while isinstance(table, dict) and table:  # [a.b] is {"a": {"b": {}}}
+        (key,) = table
         path.append(key)
-        found = found[key]
+        table = table[key]
     return tuple(path)
 
 

@@ -38,11 +38,7 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             ("diameter_m", "2.33e-3", "outer diameter of the shaft"),
             ("flexible_length_m", "40e-3", "from the clamp or the sheath's mouth to the rigid tip"),
             ("rigid_length_m", "8e-3", "the electrode; 0 without a rigid tip"),
-            (
-                "bending_stiffness_nm2",
-                "4.3e-4",
-                "EI of the flexible part",
-            ),
+            ("bending_stiffness_nm2", "4.3e-4", "EI of the flexible part"),
             (
                 "flexible_length_uncertainty",
                 "0.01",
@@ -68,25 +64,13 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
             ("metres_per_px_uncertainty", "0.006", "relative standard uncertainty: +-1 % is 0.01 / 1.73"),
             ("tilt_uncertainty_deg", "1.2", "of the angle between image and plane of bending: +-2 degrees is 2 / 1.73"),
             ("base_side", '"left"', "border of the image that the catheter comes from: left, right, top, bottom"),
-            (
-                "base_region",
-                "[100, 200, 140, 260]",
-                "a box across the shaft at its base, px: left, top, right, bottom",
-            ),
+            ("base_region", "[100, 200, 140, 260]", "a box across the shaft at its base, px: left, top, right, bottom"),
             ("roi", "[0, 0, 640, 480]", "the part of the image to look at, px: left, top, right, bottom"),
             ("polarity", '"dark"', "the catheter is dark or light against the ground; found where it is not stated"),
             ("modality", '"camera"', "camera or xray"),
             ("projection", "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]", "3 x 4: metres to pixels"),
-            (
-                "projection_frame",
-                '"base"',
-                "base; isocentre: x to the patient's left, y back, z to the head; board",
-            ),
-            (
-                "pose_uncertainty_deg",
-                "[1.0, 1.0, 0.5]",
-                "of its turn about the image's right, down and depth",
-            ),
+            ("projection_frame", '"base"', "base; isocentre: x to the patient's left, y back, z to the head; board"),
+            ("pose_uncertainty_deg", "[1.0, 1.0, 0.5]", "of its turn about the image's right, down and depth"),
             ("pose_uncertainty_m", "[2e-3, 2e-3, 5e-3]", "of the position of the frame's origin along them"),
             ("detector", '"detector"', "folder that `tipforce annotate` wrote, beside this file"),
         ),
@@ -96,11 +80,7 @@ _GUIDE: dict[str, tuple[str, tuple[tuple[str, str, str], ...]]] = {
         (
             ("angle_deg", "90.0", "its x axis, counter-clockwise from the catheter's base, as seen in the image"),
             ("reads", '"tip-on-tissue"', "a sensor under the tissue; tissue-on-tip for one that holds the catheter"),
-            (
-                "no_contact_s",
-                "[0.0, 5.0]",
-                "without contact in every session, in seconds of the log: the tare",
-            ),
+            ("no_contact_s", "[0.0, 5.0]", "without contact in every session, in seconds of the log: the tare"),
             ("moving_mass_kg", "0.05", "mass on a moving sensor"),
             (
                 "range_n",
@@ -176,10 +156,11 @@ def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
     lines = ["# The bench: a value is needed only where a command needs it. Units are in the names."]
     lines += [f"{key} = {toml_value(values[key])}" for key in _OTHERS if key in values]
     for section, (about, keys) in _GUIDE.items():
-        own: Any = values
+        stated: Any = values
         for part in section.split("."):
-            own = own.get(part, {})
-        tables: Mapping[str | None, Any] = (own or {"camera": {}}) if section == "views" else {None: own}
+            stated = stated.get(part, {})
+        # "views" has a table for each view, the other sections have one
+        tables: Mapping[str | None, Any] = (stated or {"camera": {}}) if section == "views" else {None: stated}
         for name, table in tables.items():
             if not (table or guide):
                 continue
@@ -194,7 +175,7 @@ def bench_text(info: SessionInfo, *, guide: bool = True) -> str:
 
 
 def read_bench(path: Path | str) -> SessionInfo:
-    """Reads the metadata in the ``bench.toml`` at ``path``; `tipforce.hardware.read_hardware` reads the devices in it.
+    """Reads the metadata in the ``bench.toml`` at ``path``; `tipforce.hardware.read_devices` reads the devices in it.
 
     Raises:
         FileFormatError: there is no such file, or it is no TOML.
@@ -211,11 +192,7 @@ def read_bench(path: Path | str) -> SessionInfo:
 
 
 def bench_values(path: Path | str) -> dict[str, Any]:
-    """Returns all values in the ``bench.toml`` at ``path`` as TOML has them.
-
-    Raises:
-        FileFormatError: the file does not exist or is not readable as TOML.
-    """
+    """Returns all values in the ``bench.toml`` at ``path`` as TOML has them. Raises FileFormatError."""
     path = Path(path)
     if path.is_dir():
         raise FileFormatError(f"{path}: is a folder; state the bench.toml in it")

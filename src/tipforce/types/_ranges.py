@@ -44,8 +44,8 @@ class Range:
 
     def outside(self, values: FloatArray) -> int | None:
         """Returns the index of the first of ``values`` (n,) that is outside; None if none is. NaN counts as inside."""
-        found = np.flatnonzero((values < self.low) | (values > self.high))
-        return int(found[0]) if len(found) else None
+        outside = np.flatnonzero((values < self.low) | (values > self.high))
+        return int(outside[0]) if len(outside) else None
 
 
 UNCERTAINTY_RANGE = Range(1e-6, 1.0, "shares", "%", 1e-2)

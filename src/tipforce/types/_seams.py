@@ -51,9 +51,6 @@ class Actuators(Protocol):
         Args:
             targets: target of each axis, by name. One beyond the limits of its axis is clipped.
 
-        Returns:
-            The command as it takes effect.
-
         Raises:
             ValueError: an axis is unknown or a value is not finite; nothing moves.
         """

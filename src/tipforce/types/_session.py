@@ -390,33 +390,29 @@ class SessionInfo:
             values: nested, as ``bench.toml`` holds them.
             where: the file or option with the values, for the message.
 
-        Returns:
-            The metadata.
-
         Raises:
             InputError: a key is unknown, or a value has a wrong type or range; the message names it.
         """
         from pydantic import ValidationError
 
         try:
-            found = _adapter().validate_python(dict(values))
+            info = _adapter().validate_python(dict(values))
         except ValidationError as error:
             first = error.errors()[0]
             raise InputError(f"{where}: {_complaint(first['loc'], first)}") from None
-        shares = [share for share, _ in found.catheter.stiffness_profile]
+        shares = [share for share, _ in info.catheter.stiffness_profile]
         if any(after <= before for before, after in itertools.pairwise(shares)):
             raise InputError(
                 f"{where}: catheter.stiffness_profile is refused: expected shares of the length that grow from base to "
                 f"tip, got {', '.join(f'{share:g}' for share in shares)}"
             )
-        for name, value in found.actuation.constant.items():
-            expected = actuation_range(name)
-            if expected.outside(np.array([value])) is not None:
+        for name, value in info.actuation.constant.items():
+            limits = actuation_range(name)
+            if limits.outside(np.array([value])) is not None:
                 raise InputError(
-                    f"{where}: actuation.constant.{name} = {value:g} is refused: expected {expected}"
-                    f"{expected.hint(value)}"
+                    f"{where}: actuation.constant.{name} = {value:g} is refused: expected {limits}{limits.hint(value)}"
                 )
-        return found
+        return info
 
     def stated_keys(self) -> tuple[str, ...]:
         """Returns the keys of the stated values, as ``catheter.diameter_m``, but for the name of the catheter.
@@ -435,15 +431,15 @@ class SessionInfo:
 
     def only(self, keys: Iterable[str]) -> "SessionInfo":
         """Returns these metadata with only ``keys`` of the values of catheter, views, sensor, actuation and tissue."""
-        wanted = set(keys)
+        kept_keys = set(keys)
         values = self.values()
         for key in self.stated_keys():
-            if key not in wanted:
+            if key not in kept_keys:
                 *path, last = key.split(".")
-                inner = values
+                table = values
                 for part in path:
-                    inner = inner[part]
-                del inner[last]
+                    table = table[part]
+                del table[last]
         return SessionInfo.from_values(values)
 
     def missing(self, keys: Iterable[str]) -> tuple[str, ...]:
@@ -462,11 +458,11 @@ def merged_values(values: Mapping[str, Any], stated: Mapping[str, Any]) -> dict[
     Returns:
         The merged values; the arguments are not changed.
     """
-    made = dict(values)
+    merged = dict(values)
     for key, value in stated.items():
-        own = made.get(key)
-        made[key] = merged_values(own, value) if isinstance(own, dict) and isinstance(value, dict) else value
-    return made
+        old = merged.get(key)
+        merged[key] = merged_values(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return merged
 
 
 _ADAPTER: list[Any] = []
@@ -499,16 +495,16 @@ _PARTS: dict[str, type] = {
 
 
 def _complaint(place: tuple[int | str, ...], error: Any) -> str:
-    """Returns one sentence on the first value that is refused."""
+    """Returns one sentence on a value that is refused: its keys and indices, and the fault as pydantic describes it."""
     names = [part for part in place if isinstance(part, str)]
     key = ".".join(names)
     if error["type"] == "unexpected_keyword_argument":
-        before = ".".join(names[:-1])
-        kind = _PARTS.get(before) or _PARTS.get(names[0] if before else "", SessionInfo)
+        section = ".".join(names[:-1])
+        kind = _PARTS.get(section) or _PARTS.get(names[0] if section else "", SessionInfo)
         known = ", ".join(each.name for each in fields(kind))
-        return f"{key} is not known; {before or 'it'} may hold {known}"
-    value, expected = error["input"], RANGES.get(names[-1]) if names else None
-    if expected and error["type"] in ("greater_than_equal", "less_than_equal"):
-        return f"{key} = {value!r} is refused: expected {expected}{expected.hint(float(value))}"
+        return f"{key} is not known; {section or 'it'} may hold {known}"
+    value, limits = error["input"], RANGES.get(names[-1]) if names else None
+    if limits and error["type"] in ("greater_than_equal", "less_than_equal"):
+        return f"{key} = {value!r} is refused: expected {limits}{limits.hint(float(value))}"
     message = str(error["msg"])
     return f"{key} = {repr(value)[:200]} is refused: {message[0].lower()}{message[1:]}"

@@ -20,7 +20,6 @@ class BasePose:
         origin_px: (2,) u (right), v (down), px.
         angle_rad: direction of the base tangent in the displayed image, rad counter-clockwise from "right".
 
-
     >>> up = BasePose(np.array([100.0, 400.0]), math.pi / 2)
     >>> np.round(up.to_base(np.array([[100.0, 300.0], [90.0, 400.0]])), 6) + 0.0
     array([[100.,   0.],
@@ -125,7 +124,7 @@ class DetectedShape:
             return None
         tangents = np.gradient(self.centreline.points, axis=0)
         tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-9)
-        along = np.einsum("ni,nij,nj->n", tangents, self.covariance_px2, tangents)
+        along = np.einsum("ni,nij,nj->n", tangents, self.covariance_px2, tangents)  # variances, px^2
         across = np.trace(self.covariance_px2, axis1=1, axis2=2) - along
         # rounding makes a variance of 0 negative
         return np.sqrt(np.maximum(along, 0.0)), np.sqrt(np.maximum(across, 0.0))

@@ -37,14 +37,14 @@ def recognises(folder: Path) -> bool:
 
 def open_layout(folder: Path) -> Dataset:
     """Returns one session for each set; raises MissingExtraError without h5py, FileFormatError for other contents."""
-    found = [_read_set(each) for each in _sets(folder)]
-    names = [each.resolve().name for each in _sets(folder)]
-    counts = [len(force) for _, _, force in found]
+    sets = [_read_set(path) for path in _sets(folder)]
+    names = [path.resolve().name for path in _sets(folder)]
+    counts = [len(force) for _, _, force in sets]
     stamps = np.concatenate([np.arange(count, dtype=np.int64) * 1_000_000_000 for count in counts])
-    pressures = np.concatenate([pressure for _, pressure, _ in found])
+    pressures = np.concatenate([pressure for _, pressure, _ in sets])
     actuation = {f"chamber{k + 1}_percent": np.ascontiguousarray(pressures[:, k]) for k in range(CHAMBERS)}
     views = {
-        view: upright_grey(np.concatenate([images[:, channel] for images, _, _ in found]))
+        view: upright_grey(np.concatenate([images[:, channel] for images, _, _ in sets]))
         for view, channel in (("a", 0), ("b", 2))
     }
     arm, at_top = Catheter("soft continuum arm"), {view: ViewInfo(base_side="top") for view in views}
@@ -53,7 +53,7 @@ def open_layout(folder: Path) -> Dataset:
         session=np.repeat(names, counts),
         stamp_ns=stamps,
         actuation=actuation,
-        force_n=np.concatenate([force for _, _, force in found]),
+        force_n=np.concatenate([force for _, _, force in sets]),
         known=np.ones(3, np.bool_),
         names=np.array([f"{name}, pair {k}" for name, count in zip(names, counts, strict=True) for k in range(count)]),
         session_info={
@@ -76,9 +76,9 @@ def _read_set(folder: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     forces = read_array(folder / TARGET, "target_test", (len(images), 3, 1, 1))
     if not len(images):
         raise FileFormatError(f"{folder / INPUT}: input_test holds no samples")
-    stripes = images[:, 1, 0]
-    same = np.isclose(images[:, 1], np.tile(stripes[:, :STRIPES], SIZE_PX // STRIPES)[:, None], atol=1e-6)
-    uneven = np.flatnonzero(~same.all(axis=(1, 2)))
+    stripes = images[:, 1, 0]  # (n, 64): the first column, a value for each row of the displayed image
+    repeats = np.isclose(images[:, 1], np.tile(stripes[:, :STRIPES], SIZE_PX // STRIPES)[:, None], atol=1e-6)
+    uneven = np.flatnonzero(~repeats.all(axis=(1, 2)))
     if len(uneven):
         raise FileFormatError(
             f"{folder / INPUT}: sample {uneven[0]}: expected the pressures of the chambers in channel 2, as stripes "

@@ -36,8 +36,8 @@ def recognises(folder: Path) -> bool:
 
 def open_layout(folder: Path) -> Dataset:
     """Returns all sessions; raises FileFormatError or TableError if a session is incomplete."""
-    place = next(place for place in _places(folder) if any(place.glob("data_*.csv")))
-    sessions = [_session(path) for path in sorted(place.glob("data_*.csv"))]
+    tables = next(tables for place in _places(folder) if (tables := sorted(place.glob("data_*.csv"))))
+    sessions = [_session(path) for path in tables]
     names, stamps, images, shapes, wires, forces = (list(part) for part in zip(*sessions, strict=True))
     counts = [len(part) for part in stamps]
     stamp_ns, wire = np.concatenate(stamps), np.concatenate(wires)
@@ -78,18 +78,19 @@ def _session(
     check_stamps(str(path), name, stamps)
     if len(table) < TARE_ROWS:
         raise InputError(f"{path}: has {len(table)} rows; the first {TARE_ROWS} are needed to tare it")
-    images, found = table.text("image"), _read_curves(curves)
+    images, coefficients = table.text("image"), _read_curves(curves)
     for row, image in enumerate(images, 2):
-        if image not in found:
+        if image not in coefficients:
             raise TableError(f"{path}, row {row}: {curves.name} has no curve of the image {image}")
     readings = np.column_stack([table.numbers("fx"), table.numbers("fy")])
     force = np.full((len(table), 3), np.nan)
     force[:, :2] = (readings - np.median(readings[:TARE_ROWS], axis=0)) * NEWTONS_PER_UNIT
     wires = np.column_stack([table.numbers("wire length #0"), table.numbers("wire length #1")])
-    return name, stamps, images, np.array([found[image] for image in images]), wires, force
+    return name, stamps, images, np.array([coefficients[image] for image in images]), wires, force
 
 
 def _read_curves(path: Path) -> dict[str, list[float]]:
+    """Returns image name -> the four coefficients of its curve. Raises FileFormatError."""
     if not path.is_file():
         raise FileFormatError(f"{path}: there is no such file; every session needs its curves")
     try:

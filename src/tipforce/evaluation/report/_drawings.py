@@ -42,41 +42,38 @@ def traces_of(evaluation: Evaluation) -> dict[str, Predictions]:
 
     It is the session with the median error, see `typical_session` and `whole_session`.
     """
-    found: dict[str, Predictions] = {}
+    traces: dict[str, Predictions] = {}
     for method in evaluation.methods:
         result = evaluation.result(method.label, evaluation.strictest)
         if result is not None and result.predictions.valid.any():
-            found[method.label] = whole_session(evaluation, result, typical_session(result.predictions))
-    return found
+            traces[method.label] = whole_session(evaluation, result, typical_session(result.predictions))
+    return traces
 
 
 def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predictions]) -> dict[str, Drawing]:
-    """Draws the figures before the sections of the methods, without those that the data do not allow.
+    """Returns name of `HEAD` -> figure before the sections of the methods, for those that the data allow.
 
     Args:
         evaluation: The evaluation.
         best: Label of the method whose trace, scatter and agreement are shown.
         traces: Result of `traces_of`.
-
-    Returns:
-        Name of `HEAD` -> drawing.
     """
     drawings: dict[str, Drawing] = {}
     strict = evaluation.result(best, evaluation.strictest)
     assert strict is not None
-    of = PROTOCOL_WORDS[evaluation.strictest].of
+    samples_of = PROTOCOL_WORDS[evaluation.strictest].of
     if best in traces:
-        whole = traces[best]
-        session = str(whole.session[0])
+        trace = traces[best]
+        session = str(trace.session[0])
         figure = figure_trace(
-            whole, session, evaluation.truth_n, quantities=("magnitude",), width_in=8.4, height_in=5.3
+            trace, session, evaluation.truth_n, quantities=("magnitude",), width_in=8.4, height_in=5.3
         )
         caption = (
             f"Session {session}, the one with the median error: {PROTOCOL_WORDS[evaluation.strictest].held}. "
             f"{window_words()}."
         )
         drawings["trace"] = drawing_of("trace", caption, figure)
-        caption = f"Each point is a sample of {of}; on the line the estimate equals the force sensor."
+        caption = f"Each point is a sample of {samples_of}; on the line the estimate equals the force sensor."
         drawings["scatter"] = drawing_of("scatter", caption, figure_scatter(strict.predictions))
         drawings["agreement"] = _agreement(strict, "bland-altman")
     drawings |= _coverage(evaluation)
@@ -85,8 +82,8 @@ def head_drawings(evaluation: Evaluation, best: str, traces: Mapping[str, Predic
     drawings["splits"] = _splits(evaluation)
     if evaluation.settings.compare:
         caption = (
-            f"{of[0].upper()}{of[1:]}. Bins with fewer than 10 samples are left out. Sensors in the tip: "
-            f"{SENSOR_SOURCE}."
+            f"{samples_of[0].upper()}{samples_of[1:]}. Bins with fewer than 10 samples are left out. Sensors in the "
+            f"tip: {SENSOR_SOURCE}."
         )
         drawings["comparison"] = drawing_of("comparison", caption, figure_comparison(comparison(evaluation)))
     bound, perturbed = _bound(evaluation), _perturbed(evaluation)
@@ -109,28 +106,25 @@ def _agreement(result: MethodResult, slug: str) -> Drawing:
 def _coverage(evaluation: Evaluation) -> dict[str, Drawing]:
     """Draws coverage by force and, where the contact angle is known, by angle, under the strictest protocol."""
     results = {m.label: evaluation.result(m.label, evaluation.strictest) for m in evaluation.methods}
-    found: list[tuple[str, dict[str, Any], str, str, str]] = []
-    for key, unit, axis_label, title in (
-        ("coverage_by_force", "n", "measured force, N", "Coverage of the 90 % intervals by force"),
-        (
-            "coverage_by_contact_angle",
-            "deg",
-            "contact angle, degrees",
-            "Coverage of the 90 % intervals by contact angle",
-        ),
-    ):
+    strata_of: dict[str, dict[str, Any]] = {}
+    for key in ("coverage_by_force", "coverage_by_contact_angle"):
         strata = {name: result.metrics.get(key, []) for name, result in results.items() if result is not None}
         strata = {name: parts for name, parts in strata.items() if any(np.isfinite(part["coverage"]) for part in parts)}
         if strata:
-            found.append((key, strata, unit, axis_label, title))
+            strata_of[key] = strata
     caption = (
         "Bars through the points: 95 % confidence intervals from resampled sessions, where a stratum has enough "
         "sessions. Coverage of fewer than 10 samples is not drawn."
     )
     drawings: dict[str, Drawing] = {}
-    for key, strata, unit, axis_label, title in found:
-        figure = figure_coverage(strata, unit, axis_label, title, width_in=WIDTH_IN if len(found) > 1 else WIDE_IN)
-        name = "coverage_force" if key == "coverage_by_force" else "coverage_angle"
+    for key, strata in strata_of.items():
+        name, unit, axis_label, by = (
+            ("coverage_force", "n", "measured force, N", "force")
+            if key == "coverage_by_force"
+            else ("coverage_angle", "deg", "contact angle, degrees", "contact angle")
+        )
+        title, width_in = f"Coverage of the 90 % intervals by {by}", WIDTH_IN if len(strata_of) > 1 else WIDE_IN
+        figure = figure_coverage(strata, unit, axis_label, title, width_in=width_in)
         drawings[name] = drawing_of(name.replace("_", "-"), caption, figure)
     return drawings
 
@@ -202,9 +196,6 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
         method: Label of the method.
         best: Label of the method whose agreement is at the head of the page.
         traces: Result of `traces_of`.
-
-    Returns:
-        The drawings in the order of the section.
     """
     number = [each.label for each in evaluation.methods].index(method)
     colour = METHOD_COLOURS[number % len(METHOD_COLOURS)]
@@ -215,9 +206,9 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
     assert constant is not None
     name = _file_name(method)
     panels = {PROTOCOL_WORDS[each.protocol].name: each.predictions for each in (first, strict)}
-    made: list[Drawing] = []
+    drawings: list[Drawing] = []
     if method in traces:
-        made += [
+        drawings += [
             drawing_of(
                 f"{name}-residuals",
                 "Error over force. The band is the median of the 90 % intervals; a median error that leaves zero is "
@@ -233,8 +224,8 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
             ),
         ]
         if method != best:
-            made.append(_agreement(strict, f"{name}-bland-altman"))
-    made += [
+            drawings.append(_agreement(strict, f"{name}-bland-altman"))
+    drawings += [
         drawing_of(
             f"{name}-fig23b",
             "Thesis fig. 23(b): on the line y = x the estimate equals the sensor's force.",
@@ -247,24 +238,24 @@ def method_drawings(evaluation: Evaluation, method: str, best: str, traces: Mapp
             f"Thesis fig. 24: the model on the very samples it was trained on, split "
             f"“{PROTOCOL_WORDS[fitted.protocol].name}”. A good fit here says nothing of new data."
         )
-        made.append(drawing_of(f"{name}-fig24", caption, figure_24(fitted)))
+        drawings.append(drawing_of(f"{name}-fig24", caption, figure_24(fitted)))
     if len(first.predictions.quantities) > 1:
-        made += _of_components(evaluation, first, name)
-    made += _of_training(evaluation, strict, name)
-    odd = sum(not drawing.wide for drawing in made) % 2 == 0  # with fig. 23(a), which then goes across
+        drawings += _of_components(evaluation, first, name)
+    drawings += _of_training(evaluation, strict, name)
+    odd = sum(not drawing.wide for drawing in drawings) % 2 == 0  # with fig. 23(a), which then goes across
     caption = (
         f"Thesis fig. 23(a): over-estimates are positive. Samples of the split “{_protocol_name(first)}”; forces below "
         "10 mN have no percentage."
     )
     figure = figure_23a(first.predictions, width_in=WIDE_IN if odd else WIDTH_IN)
-    made.append(drawing_of(f"{name}-fig23a", caption, figure))
+    drawings.append(drawing_of(f"{name}-fig23a", caption, figure))
     if method not in traces:
-        return made
+        return drawings
     session = str(traces[method].session[0])
     caption = f"Session {session}, the one with the median error: {PROTOCOL_WORDS[evaluation.strictest].held}."
     height_in = 1.3 + 1.25 * len(traces[method].quantities)
     figure = figure_trace(traces[method], session, evaluation.truth_n, width_in=WIDE_IN, height_in=height_in)
-    return [drawing_of(f"{name}-trace", caption, figure), *made]
+    return [drawing_of(f"{name}-trace", caption, figure), *drawings]
 
 
 def _of_training(evaluation: Evaluation, result: MethodResult, name: str) -> list[Drawing]:
@@ -273,13 +264,13 @@ def _of_training(evaluation: Evaluation, result: MethodResult, name: str) -> lis
     epochs = training_log(saved or result.fits[0].estimator)
     if not epochs:
         return []
-    of = (
+    model = (
         "the saved model"
         if saved
         else f"the split “{PROTOCOL_WORDS[result.protocol].name}: {result.fits[0].split.name}”"
     )
     caption = (
-        f"Learning curve of {of}: the epoch with the smallest error on the validation part was kept; {len(epochs)} "
+        f"Learning curve of {model}: the epoch with the smallest error on the validation part was kept; {len(epochs)} "
         "epochs were run. The validation part chose it, so its error there flatters."
     )
     return [drawing_of(f"{name}-training", caption, figure_training(epochs, result.method))]
@@ -289,7 +280,7 @@ def _of_components(evaluation: Evaluation, result: MethodResult, name: str) -> l
     """Draws the thesis's figures 30, 31 and 32."""
     split = f"Test samples of the split “{PROTOCOL_WORDS[result.protocol].name}”"
     sheet = sample_sheet(evaluation.dataset, result.predictions, result.fits[0].estimator.views[0])
-    made = [
+    drawings = [
         drawing_of(
             f"{name}-fig31",
             f"Thesis fig. 31: box plots by direction, r measured and p estimated. {split}: median, quartiles, whiskers "
@@ -304,9 +295,9 @@ def _of_components(evaluation: Evaluation, result: MethodResult, name: str) -> l
         ),
     ]
     if sheet is None:
-        return made
+        return drawings
     caption = "Thesis fig. 30: images of the test part as they come, before the method's own resizing."
-    return [image_drawing(f"{name}-fig30", caption, sheet), *made]
+    return [image_drawing(f"{name}-fig30", caption, sheet), *drawings]
 
 
 def whole_session(evaluation: Evaluation, result: MethodResult, session: str) -> Predictions:
@@ -320,27 +311,27 @@ def whole_session(evaluation: Evaluation, result: MethodResult, session: str) ->
     Returns:
         Predictions whose ``index`` counts in ``evaluation.everything``.
     """
-    part = result.predictions.where(result.predictions.session == session)
+    tested = result.predictions.where(result.predictions.session == session)
     everything = evaluation.everything
     if result.protocol not in BY_SESSION:
-        return replace(part, index=index_in(everything, evaluation.dataset)[part.index])
-    fit = next(fit for fit in result.fits if fit.split.name == part.fold[0])
+        return replace(tested, index=index_in(everything, evaluation.dataset)[tested.index])
+    fit = next(fit for fit in result.fits if fit.split.name == tested.fold[0])
     frames = np.flatnonzero(everything.session == session)
-    found = fit.estimator.predict(everything.subset(frames))
+    estimates = fit.estimator.predict(everything.subset(frames))
     contact = everything.magnitude_n > CONTACT_N
-    return collect(result.method, result.protocol, fit.split.name, everything, frames, found, contact)
+    return collect(result.method, result.protocol, fit.split.name, everything, frames, estimates, contact)
 
 
 def _sessions(result: MethodResult, constant: MethodResult, colour: str) -> Figure:
-    own, other = result.metrics["by_session"], constant.metrics["by_session"]
+    """Plots error and coverage of a method by session, in its colour, beside the error of the constant predictor."""
+    sessions = list(result.metrics["by_session"])
 
-    def column(groups: dict[str, dict[str, dict[str, dict[str, float]]]], key: str) -> FloatArray:
-        return np.array([groups[name]["quantities"]["magnitude"][key] for name in own], dtype=np.float64)
+    def column(of: MethodResult, key: str) -> FloatArray:
+        by_session = of.metrics["by_session"]
+        return np.array([by_session[name]["quantities"]["magnitude"][key] for name in sessions], dtype=np.float64)
 
-    title = f"{result.method}: session by session"
-    return figure_sessions(
-        title, list(own), column(own, "mae_n"), column(other, "mae_n"), column(own, "coverage"), colour
-    )
+    mae_n, constant_n, coverage = column(result, "mae_n"), column(constant, "mae_n"), column(result, "coverage")
+    return figure_sessions(f"{result.method}: session by session", sessions, mae_n, constant_n, coverage, colour)
 
 
 def _mae_and_sessions(result: MethodResult) -> FloatArray:

@@ -13,13 +13,10 @@ _MARKERS = "os^DvPX*"
 
 
 def figure_comparison(compared: Mapping[str, Any]) -> Figure:
-    """Plots mean absolute error (left) and bias (right) over the measured force, a line a method.
-
-    Args:
-        compared: Result of `comparison`.
-    """
+    """Plots the result of `comparison` over the force: mean absolute error (left) and bias (right), a line a method."""
 
     def draw(figure: Figure) -> None:
+        """Draws errors (left) and biases (right); a method beyond the sixth repeats a colour with another line."""
         left, right = figure.subplots(1, 2)
         styles = zip(cycle(METHOD_COLOURS), cycle(_MARKERS), strict=False)
         for number, (row, (colour, marker)) in enumerate(zip(compared["rows"], styles, strict=False)):

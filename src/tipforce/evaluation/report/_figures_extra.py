@@ -34,21 +34,19 @@ def figure_bound(ratios: Mapping[str, Mapping[str, Any]], quantities: Sequence[s
     Args:
         ratios: Method -> kind of bound -> `bound_ratios`.
         quantities: Magnitude and components; each has a row of panels.
-
-    Returns:
-        The figure.
     """
 
     def draw(figure: Figure) -> None:
+        """Draws a row of panels for each quantity, with a line for each method and kind of bound."""
         panels = figure.subplots(len(quantities), len(_BINS), sharey="row", sharex="col", squeeze=False)
         for row, quantity in enumerate(quantities):
             for column, (key, (unit, factor, what)) in enumerate(_BINS.items()):
                 axes = panels[row, column]
-                for place, (method, kinds) in enumerate(ratios.items()):
-                    colour = GREY if method == Constant.name else METHOD_COLOURS[place % len(METHOD_COLOURS)]
+                for number, (method, kinds) in enumerate(ratios.items()):
+                    colour = GREY if method == Constant.name else METHOD_COLOURS[number % len(METHOD_COLOURS)]
                     for kind, (marker, dashes) in _SHOWN.items():
                         label = f"{method}, {BOUND_KINDS[kind]}" if row == column == 0 else None
-                        _line(axes, kinds[kind][quantity][key], unit, factor, colour, marker, dashes, label)
+                        _plot_ratios(axes, kinds[kind][quantity][key], unit, factor, colour, marker, dashes, label)
                 axes.axhline(1.0, color=COLOURS["line"], linewidth=1.1)
                 axes.set_yscale("log")
                 axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -68,7 +66,7 @@ def figure_bound(ratios: Mapping[str, Mapping[str, Any]], quantities: Sequence[s
 _TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200)
 
 
-def _line(
+def _plot_ratios(
     axes: Axes,
     bins: Sequence[Mapping[str, float]],
     unit: str,
@@ -78,6 +76,7 @@ def _line(
     dashes: Any,
     label: str | None,
 ) -> None:
+    """Plots the ratio of each bin with enough samples at the bin's middle, which is ``factor`` times its ``unit``."""
     use = [each for each in bins if each["n"] >= _MIN_SAMPLES and math.isfinite(each["ratio"])]
     middle = [factor * 0.5 * (each[f"from_{unit}"] + each[f"below_{unit}"]) for each in use]
     ratios = [each["ratio"] for each in use]
@@ -93,32 +92,31 @@ _Lines = Sequence[Mapping[str, Any]]
 def figure_perturbed(lines: Mapping[str, _Lines]) -> Figure:
     """Plots error and share abstained over the size of each perturbation; a column for each kind.
 
-    Kinds that differ in the force alone, whose magnitude is the same, are shown once.
-
-    Args:
-        lines: Method -> lines of a table, the first of them unperturbed (see `perturbed_metrics`).
+    Kinds that differ in the force alone, whose magnitude is the same, are shown once. ``lines``: method -> lines of a
+    table, the first of them unperturbed (see `perturbed_metrics`).
     """
-    some = next(iter(lines.values()))
-    kinds = [kind for kind in dict.fromkeys(line["kind"] for line in some[1:]) if "," not in kind]
-    sizes = {kind: [line["size"] for line in some if line["kind"] == kind] for kind in kinds}
+    first_lines = next(iter(lines.values()))
+    kinds = [kind for kind in dict.fromkeys(line["kind"] for line in first_lines[1:]) if "," not in kind]
+    sizes = {kind: [line["size"] for line in first_lines if line["kind"] == kind] for kind in kinds}
     errors = [float(line["mae_n"]) for each in lines.values() for line in each]
-    mean = float(some[0]["constant"]["mae_n"])
-    top = 1.08 * min(max([mean, *filter(np.isfinite, errors)]), MAX_SHOWN_RATIO * mean)
+    constant_mae = float(first_lines[0]["constant"]["mae_n"])
+    top = 1.08 * min(max([constant_mae, *filter(np.isfinite, errors)]), MAX_SHOWN_RATIO * constant_mae)
 
     def draw(figure: Figure) -> None:
+        """Draws errors above and shares abstained below; the first point of each panel is the unperturbed case."""
         widths = [len(sizes[kind]) + 1 for kind in kinds]
         panels = figure.subplots(2, len(kinds), sharey="row", sharex="col", width_ratios=widths, height_ratios=(2.2, 1))
         for column, kind in enumerate(kinds):
             above, below = panels[:, column]
-            above.axhline(mean, color=GREY, linestyle=(0, (4, 3)), linewidth=1.4, label="constant predictor")
-            for place, (method, each) in enumerate(lines.items()):
+            above.axhline(constant_mae, color=GREY, linestyle=(0, (4, 3)), linewidth=1.4, label="constant predictor")
+            for number, (method, each) in enumerate(lines.items()):
                 shown = [each[0], *(line for line in each if line["kind"] == kind)]
-                colour = METHOD_COLOURS[place % len(METHOD_COLOURS)]
+                colour = METHOD_COLOURS[number % len(METHOD_COLOURS)]
                 style = "o" if "×" in shown[-1]["size"] else "o-"  # factors lead away from 1 to both sides
                 for axes, key in ((above, "mae_n"), (below, "abstained_share")):
                     values = [line[key] for line in shown]
                     axes.plot(values, style, color=colour, markersize=4.5, linewidth=1.5, label=method)
-                edge = (0.96 - 0.08 * place) * top
+                edge = (0.96 - 0.08 * number) * top  # the methods' triangles below one another
                 for size, error in enumerate(line["mae_n"] for line in shown):
                     if error > top:
                         above.plot(size, edge, "^", color=colour, markersize=7)
@@ -150,11 +148,7 @@ def _short(size: str) -> str:
 
 
 def training_log(estimator: Estimator) -> list[dict[str, Any]]:
-    """Returns the epochs of a fitted method's training, in order; empty for one that keeps no log.
-
-    Raises:
-        ModelError: The log cannot be read.
-    """
+    """Returns the epochs of a fitted method's training; empty if it keeps no log. Raises ModelError for a bad log."""
     text = estimator.files().get(_TRAINING_LOG, b"").decode("utf-8", errors="replace")
     try:
         rows = parse_json_lines(text, _TRAINING_LOG)
@@ -181,14 +175,12 @@ def figure_training(rows: list[dict[str, Any]], label: str) -> Figure:
     Args:
         rows: Rows of the training log, errors in newtons.
         label: Label of the method, for the title.
-
-    Returns:
-        The figure.
     """
     epoch = np.array([row["epoch"] for row in rows])
     best = kept_epoch(rows)
 
     def draw(figure: Figure) -> None:
+        """Draws both errors in mN over the epochs, on scales that suit 10 and 1000 epochs."""
         axes = figure.subplots()
         for key, name, colour, width in (
             ("training_error_n", "training part", GREY, 1.2),
@@ -200,6 +192,7 @@ def figure_training(rows: list[dict[str, Any]], label: str) -> Figure:
         axes.plot(best["epoch"], 1e3 * best["validation_error_n"], "D", color=COLOURS["line"], markersize=6, label=kept)
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
+        # of the minor ticks only 2 and 5 have labels
         axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
         if len(rows) > 300:
             axes.set_xscale("log")

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator, PercentFormatter
 
@@ -28,7 +29,7 @@ from ._style import (
     mark_line,
 )
 
-_TRACE = 900
+_TRACE_SAMPLES = 900
 """Samples of a session that a time trace shows."""
 SCATTER_IN, SCATTER_HEIGHT_IN = 5.6, 5.3
 """Width and height of the scatter plot."""
@@ -54,16 +55,14 @@ def figure_trace(
         quantities: Panels; None: all that the predictions have.
         width_in: Width in inches.
         height_in: Height in inches.
-
-    Returns:
-        The figure.
     """
     part = predictions.where(np.flatnonzero(predictions.session == session))
-    part = part.where(np.argsort(part.stamp_ns, kind="stable")[:_TRACE])
+    part = part.where(np.argsort(part.stamp_ns, kind="stable")[:_TRACE_SAMPLES])
     seconds = (part.stamp_ns - part.stamp_ns[0]) * 1e-9
     shown = part.quantities if quantities is None else tuple(quantities)
 
     def draw(figure: Figure) -> None:
+        """Draws a panel for each quantity; grey stretches are those in which the method abstained."""
         panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
         gaps = _stretches(seconds, ~part.valid)
         for axes, name in zip(panels, shown, strict=True):
@@ -95,6 +94,7 @@ def figure_trace(
 
 
 def _truth_of(part: Predictions, truth_n: FloatArray, quantity: str) -> FloatArray:
+    """Returns the (n,) true component or magnitude; the magnitude is over the axes that the sensor measures."""
     true = truth_n[part.index]
     if quantity != "magnitude":
         return true[:, "xyz".index(quantity)]
@@ -109,11 +109,9 @@ def figure_scatter(predictions: Predictions) -> Figure:
     top = max(1.04 * largest, 1.1 * LIMIT_N)
 
     def draw(figure: Figure) -> None:
+        """Draws the points on equal axes from 0 to ``top`` newtons."""
         axes = figure.subplots()
-        axes.plot(
-            reference, estimate, "o", color=COLOURS["estimate"], markersize=3, mew=0,
-            alpha=float(np.clip(300 / max(len(reference), 1), 0.12, 0.6)), rasterized=len(reference) > MANY_POINTS,
-        )  # fmt: skip
+        _plot_points(axes, reference, estimate)
         axes.plot([0, top], [0, top], color=COLOURS["reference"], linewidth=1.2, label="estimated = measured")
         axes.set_xlim(0, top)
         axes.set_ylim(0, top)
@@ -130,6 +128,14 @@ def figure_scatter(predictions: Predictions) -> Figure:
     return make_figure(draw, f"{predictions.method}: all {len(predictions)} samples", SCATTER_IN, SCATTER_HEIGHT_IN)
 
 
+def _plot_points(axes: Axes, x: FloatArray, y: FloatArray) -> None:
+    """Plots points that are the fainter the more there are, so that dense regions stay visible."""
+    axes.plot(
+        x, y, "o", color=COLOURS["estimate"], markersize=3, mew=0,
+        alpha=float(np.clip(300 / max(len(x), 1), 0.12, 0.6)), rasterized=len(x) > MANY_POINTS,
+    )  # fmt: skip
+
+
 def _step(top: float) -> float:
     """Returns a distance of ticks that shows both limits of the force window where the forces are small."""
     return next((step for step in (0.1, 0.2, 0.5, 1.0, 2.0) if top / step <= 8), 5.0)
@@ -141,30 +147,22 @@ def figure_bland_altman(predictions: Predictions, agreement: Mapping[str, Any]) 
     Args:
         predictions: Predictions of one method.
         agreement: Result of `bland_altman` for their magnitude.
-
-    Returns:
-        The figure.
     """
     reference, estimate, _ = predictions.column("magnitude")
     use = predictions.valid
     mean, difference = 0.5 * (reference + estimate)[use], (estimate - reference)[use]
 
     def draw(figure: Figure) -> None:
+        """Draws the points, the bias and the limits of agreement, in N; the legend states them in mN."""
         axes = figure.subplots()
         axes.axhline(0, color=COLOURS["reference"], linewidth=0.8)
-        axes.plot(
-            mean, difference, "o", color=COLOURS["estimate"], markersize=3, mew=0,
-            alpha=float(np.clip(300 / max(len(mean), 1), 0.12, 0.6)), rasterized=len(mean) > MANY_POINTS,
-        )  # fmt: skip
+        _plot_points(axes, mean, difference)
         bias, low, high = (float(agreement[name]) for name in ("bias_n", "lower_n", "upper_n"))
         axes.axhline(bias, color=COLOURS["line"], linewidth=1.6, label=f"bias {_signed(bias)} mN")
         limits = f"95 % limits of agreement {_signed(low)} to {_signed(high)} mN"
-        for place, value in enumerate((low, high)):
+        for value, label in ((low, limits), (high, None)):
             if math.isfinite(value):
-                axes.axhline(
-                    value, color=COLOURS["line"], linestyle=(0, (4, 3)), linewidth=1.3,
-                    label=limits if place == 0 else None,
-                )  # fmt: skip
+                axes.axhline(value, color=COLOURS["line"], linestyle=(0, (4, 3)), linewidth=1.3, label=label)
         axes.set_xlabel("mean of estimated and measured force, N")
         axes.set_ylabel("estimated - measured, N")
         grams_axis(axes)
@@ -193,19 +191,18 @@ def figure_coverage(
         axis_label: Label of the axis of the strata.
         title: Title of the figure.
         width_in: Width in inches.
-
-    Returns:
-        The figure.
     """
+    # limits of all strata, a position on the horizontal axis each
     names = sorted({(each[f"from_{unit}"], each[f"below_{unit}"]) for parts in strata.values() for each in parts})
 
     def draw(figure: Figure) -> None:
+        """Draws the coverage above, a colour for each method, and the number of samples of each stratum below."""
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
         lowest = 0.8
         for number, (method, parts) in enumerate(strata.items()):
             colour = METHOD_COLOURS[number % len(METHOD_COLOURS)]
             x = np.array([names.index((each[f"from_{unit}"], each[f"below_{unit}"])) for each in parts], np.float64)
-            x += (number - (len(strata) - 1) / 2) * 0.18
+            x += (number - (len(strata) - 1) / 2) * 0.18  # the methods side by side
             enough = np.array([each["intervals"] >= _MIN_INTERVALS for each in parts])
             coverage = np.where(enough, [each["coverage"] for each in parts], np.nan)
             ends = np.array([each["coverage_ci95"] for each in parts], np.float64).reshape(-1, 2)
@@ -213,11 +210,11 @@ def figure_coverage(
             above.plot(x, coverage, "o", color=colour, markersize=6, label=method)
             shown = np.array([*coverage, *ends[:, 0]])
             lowest = min([lowest, *shown[np.isfinite(shown)].tolist()])
-        for place, each in enumerate(names):
+        for position, each in enumerate(names):
             first = next(iter(strata.values()))
             count = next((s["samples"] for s in first if (s[f"from_{unit}"], s[f"below_{unit}"]) == each), 0)
-            below.bar(place, count, 0.6, color=GREY, alpha=0.8)
-            below.annotate(str(count), (place, count), xytext=(0, 2), textcoords="offset points", ha="center")
+            below.bar(position, count, 0.6, color=GREY, alpha=0.8)
+            below.annotate(str(count), (position, count), xytext=(0, 2), textcoords="offset points", ha="center")
         mark_line(above, 0.9, "nominal 90 %")
         above.set_ylim(max(0.0, lowest - 0.06), 1.02)
         above.yaxis.set_major_formatter(PercentFormatter(1.0, 0, " %"))
@@ -241,12 +238,10 @@ def figure_retention(curves: Mapping[str, Mapping[str, Any]], constant: str, tit
         curves: Method -> result of `retention`.
         constant: Name among them of the constant predictor, which is drawn in grey.
         title: Title of the figure.
-
-    Returns:
-        The figure.
     """
 
     def draw(figure: Figure) -> None:
+        """Draws a line for each method; a dot marks the share that it abstained from by itself."""
         axes = figure.subplots()
         for number, (method, curve) in enumerate(curves.items()):
             is_constant = method == constant
@@ -286,20 +281,18 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
         maes: Method -> protocol -> (1 + sessions,) in newtons: over all samples, then session by session. The constant
             predictor (named ``constant``) is drawn in grey.
         protocols: Names of the protocols in the order of the bars.
-
-    Returns:
-        The figure.
     """
     methods = list(maes)
     top = max(float(np.nanmax(values, initial=0.0)) for groups in maes.values() for values in groups.values())
 
     def draw(figure: Figure) -> None:
+        """Draws the bars of a protocol side by side; the bars of one protocol are 0.8 wide together."""
         axes = figure.subplots()
         width = 0.8 / len(methods)
         numbered = len(methods) * len(protocols) <= _NUMBERED
-        for place, method in enumerate(methods):
-            colour = GREY if method == "constant" else METHOD_COLOURS[place % len(METHOD_COLOURS)]
-            offset = (place - (len(methods) - 1) / 2) * width
+        for number, method in enumerate(methods):
+            colour = GREY if method == "constant" else METHOD_COLOURS[number % len(METHOD_COLOURS)]
+            offset = (number - (len(methods) - 1) / 2) * width
             for group, protocol in enumerate(protocols):
                 values = maes[method].get(protocol)
                 if values is None or not math.isfinite(values[0]):
@@ -308,12 +301,9 @@ def figure_splits(maes: dict[str, dict[str, FloatArray]], protocols: Sequence[st
                 label = method if protocol == next(p for p in protocols if p in maes[method]) else None
                 axes.bar(x, values[0], 0.92 * width, color=colour, label=label)
                 sessions = values[1:][np.isfinite(values[1:])]
-                spread = (
-                    np.linspace(-0.28, 0.28, len(sessions)) * width if len(sessions) > 1 else np.zeros(len(sessions))
-                )
-                axes.plot(
-                    x + spread, sessions, "o", color=COLOURS["reference"], markersize=2.6, alpha=0.55, mew=0,
-                )  # fmt: skip
+                edge = 0.28 * width if len(sessions) > 1 else 0.0
+                dots_x = x + np.linspace(-edge, edge, len(sessions))
+                axes.plot(dots_x, sessions, "o", color=COLOURS["reference"], markersize=2.6, alpha=0.55, mew=0)
                 tall = values[0] > 0.07 * top
                 if not numbered:
                     continue
@@ -349,19 +339,19 @@ def figure_residuals(predictions: Predictions) -> Figure:
     residual = estimate - reference
 
     def draw(figure: Figure) -> None:
+        """Draws the errors, and over bins of the force the median error and the median interval."""
         axes = figure.subplots()
         axes.axhline(0, color=COLOURS["reference"], linewidth=0.8)
         axes.plot(
             reference, residual, "o", color=COLOURS["estimate"], markersize=3, alpha=0.45, mew=0,
             rasterized=len(residual) > MANY_POINTS, label="held-out samples",
         )  # fmt: skip
-        edges = (
-            np.quantile(reference, np.linspace(0, 1, min(13, max(2, len(reference) // 15 + 1)))) if use.any() else []
-        )
-        edges = np.unique(edges)
+        # bins of equal count: at most 12, of 15 samples or more
+        edge_count = min(13, max(2, len(reference) // 15 + 1))
+        edges = np.unique(np.quantile(reference, np.linspace(0, 1, edge_count)) if use.any() else [])
         if len(edges) > 1:
-            slot = np.clip(np.searchsorted(edges, reference, side="right") - 1, 0, len(edges) - 2)
-            groups = [slot == number for number in range(len(edges) - 1)]
+            bin_of = np.clip(np.searchsorted(edges, reference, side="right") - 1, 0, len(edges) - 2)
+            groups = [bin_of == number for number in range(len(edges) - 1)]
             groups = [group for group in groups if group.any()]
             middle = [float(np.median(reference[group])) for group in groups]
             # The reference is inside its interval exactly where the residual is in (estimate - interval).
@@ -383,12 +373,9 @@ def figure_residuals(predictions: Predictions) -> Figure:
 def typical_session(predictions: Predictions) -> str:
     """Returns the session with the median error: neither the best nor the worst one."""
     names = list(dict.fromkeys(predictions.session.tolist()))
-    size = np.abs(predictions.magnitude_n - predictions.reference_magnitude_n)
-    errors = {
-        name: float(np.nanmean(size[predictions.session == name]))
-        for name in names
-        if np.isfinite(size[predictions.session == name]).any()
-    }
+    error = np.abs(predictions.magnitude_n - predictions.reference_magnitude_n)
+    error_of = {name: error[predictions.session == name] for name in names}
+    errors = {name: float(np.nanmean(values)) for name, values in error_of.items() if np.isfinite(values).any()}
     ranked = sorted(errors, key=lambda name: errors[name])
     return ranked[len(ranked) // 2] if ranked else names[0]
 
@@ -409,23 +396,21 @@ def figure_sessions(
         constant_n: (sessions,) MAE of the constant predictor in newtons.
         coverage: (sessions,) share of the forces inside the 90 % interval.
         colour: Colour of the method, "#rrggbb".
-
-    Returns:
-        The figure.
     """
 
     def draw(figure: Figure) -> None:
+        """Draws a row for each session: errors of method and constant predictor (left), coverage (right)."""
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.6, 1))
-        place = np.arange(len(names))
-        left.barh(place - 0.19, mae_n, 0.38, color=colour, label="method")
-        left.barh(place + 0.19, constant_n, 0.38, color=GREY, label="constant")
-        left.set_yticks(place, [_short(name) for name in names])
+        rows = np.arange(len(names))
+        left.barh(rows - 0.19, mae_n, 0.38, color=colour, label="method")
+        left.barh(rows + 0.19, constant_n, 0.38, color=GREY, label="constant")
+        left.set_yticks(rows, [_short(name) for name in names])
         left.set_ylim(len(names) - 0.4, -0.6)
         left.grid(visible=False, axis="y")
         left.set_xlabel("MAE, N")
         legend_above(left, 2)
-        right.hlines(place, np.minimum(coverage, 0.9), np.maximum(coverage, 0.9), color=colour, alpha=0.5)
-        right.plot(coverage, place, "o", color=colour, markersize=5)
+        right.hlines(rows, np.minimum(coverage, 0.9), np.maximum(coverage, 0.9), color=colour, alpha=0.5)
+        right.plot(coverage, rows, "o", color=colour, markersize=5)
         mark_line(right, 0.9, "nominal", vertical=True)
         right.set_xlim(min(0.5, float(np.nanmin(coverage, initial=0.9)) - 0.05), 1.02)
         right.xaxis.set_major_formatter(PercentFormatter(1.0, 0, " %"))
@@ -444,7 +429,8 @@ def _stretches(seconds: FloatArray, chosen: BoolArray) -> list[tuple[float, floa
     step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
     edges = np.diff(np.concatenate([[0], chosen.astype(np.int64), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return [(float(seconds[a]) - step / 2, float(seconds[b]) + step / 2) for a, b in zip(starts, ends, strict=True)]
+    runs = zip(seconds[starts].tolist(), seconds[ends].tolist(), strict=True)
+    return [(start - step / 2, end + step / 2) for start, end in runs]
 
 
 def _bounded(interval: FloatArray) -> FloatArray:

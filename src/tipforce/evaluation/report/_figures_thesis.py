@@ -1,7 +1,6 @@
 """The thesis's figures for the data at hand: 23(a), 23(b) and 24 of any method, 30 to 32 of those with components."""
 
 from collections.abc import Mapping
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -17,7 +16,8 @@ from ._style import COLOURS, MANY_POINTS, WIDTH_IN, grams_axis, legend_above, ma
 MAX_LEGIBLE_SAMPLES = 300
 """With more samples the points of a line over the sample number overlap."""
 _SAMPLES, _COLUMNS = 12, 4
-_TILE_PX = 300
+_TILE_PX, _GAP_PX = 300, 4
+"""Width of an image on the sheet, and the white between two of them."""
 
 
 def figure_23a(predictions: Predictions, *, width_in: float = WIDTH_IN) -> Figure:
@@ -26,13 +26,11 @@ def figure_23a(predictions: Predictions, *, width_in: float = WIDTH_IN) -> Figur
     Args:
         predictions: Predictions of one method.
         width_in: Width in inches.
-
-    Returns:
-        The figure.
     """
     percent = percent_of_true(predictions.reference_magnitude_n, predictions.magnitude_n)
 
     def draw(figure: Figure) -> None:
+        """Draws a point for each sample; those beyond the scale are diamonds at its edge."""
         axes = figure.subplots()
         shown = np.isfinite(percent)
         number = np.arange(1, len(percent) + 1)
@@ -65,13 +63,14 @@ def figure_23b(panels_of: Mapping[str, Predictions]) -> Figure:
     top = max((_top(predictions) for predictions in shown), default=1.0)
 
     def draw(figure: Figure) -> None:
+        """Draws the panels side by side, with the scale in grams at the last one."""
         panels = figure.subplots(1, len(panels_of), squeeze=False)[0]
-        for place, (axes, (title, predictions)) in enumerate(zip(panels, panels_of.items(), strict=True)):
+        for number, (axes, (title, predictions)) in enumerate(zip(panels, panels_of.items(), strict=True)):
             _true_against_estimated(axes, predictions, top)
             axes.set_title(title)
-            if place == 0:
+            if number == 0:
                 axes.set_ylabel("estimated force, N")
-            if place == len(panels_of) - 1:
+            if number == len(panels_of) - 1:
                 grams_axis(axes)
 
     return make_figure(draw, f"{method}: estimated and true force (thesis fig. 23b)", 3.4 * max(2, len(panels_of)))
@@ -82,6 +81,7 @@ def figure_24(predictions: Predictions) -> Figure:
     part = predictions.where(np.arange(min(len(predictions), MAX_LEGIBLE_SAMPLES)))
 
     def draw(figure: Figure) -> None:
+        """Draws the observed forces as points and the fitted ones as a line."""
         axes = figure.subplots()
         number = np.arange(1, len(part) + 1)
         axes.plot(
@@ -101,6 +101,7 @@ def figure_24(predictions: Predictions) -> Figure:
 
 
 def _true_against_estimated(axes: Axes, predictions: Predictions, top: float) -> None:
+    """Plots estimated over true magnitude in N with the line y = x; both axes end at ``top``."""
     axes.plot(
         predictions.reference_magnitude_n, predictions.magnitude_n, "o", color=COLOURS["estimate"], markersize=3,
         alpha=0.5, mew=0, rasterized=len(predictions) > MANY_POINTS, label="test samples",
@@ -123,9 +124,8 @@ def _limit(percent: FloatArray) -> float:
     if not len(percent):
         return 10.0
     size = np.abs(percent)
-    most = float(np.quantile(size, 0.98))
-    whole = float(size.max())
-    return max(whole if whole <= 2.5 * most else 1.2 * most, 1e-6)
+    quantile_98, largest = float(np.quantile(size, 0.98)), float(size.max())
+    return max(largest if largest <= 2.5 * quantile_98 else 1.2 * quantile_98, 1e-6)
 
 
 def figure_31(predictions: Predictions) -> Figure:
@@ -134,6 +134,7 @@ def figure_31(predictions: Predictions) -> Figure:
     use = predictions.valid
 
     def draw(figure: Figure) -> None:
+        """Draws two boxes for each direction, r measured and p estimated, of the samples with an estimate."""
         panels = figure.subplots(1, len(axes_of), squeeze=False)[0]
         for axes, name in zip(panels, axes_of, strict=True):
             reference, estimate, _ = predictions.column(name)
@@ -165,6 +166,7 @@ def figure_32(predictions: Predictions) -> Figure:
     axes_of = _components(predictions)
 
     def draw(figure: Figure) -> None:
+        """Draws a panel for each direction, with a line each for the measured and the estimated force."""
         panels = figure.subplots(len(axes_of), 1, sharex=True, squeeze=False)[:, 0]
         number = np.arange(1, len(part) + 1)
         for axes, name in zip(panels, axes_of, strict=True):
@@ -193,9 +195,8 @@ def sample_sheet(dataset: Dataset, predictions: Predictions, view: str) -> Image
     Returns:
         The sheet (h, w, 3); None where there is no image.
     """
-    chosen = predictions.index[
-        np.unique(np.linspace(0, len(predictions) - 1, min(_SAMPLES, len(predictions))).round().astype(int))
-    ]
+    spread = np.linspace(0, len(predictions) - 1, min(_SAMPLES, len(predictions)))
+    chosen = predictions.index[np.unique(spread.round().astype(int))]
     tiles: list[Image] = []
     for observation in dataset.subset(chosen).observations():
         image = observation.views.get(view, next(iter(observation.views.values()), None))
@@ -207,21 +208,20 @@ def sample_sheet(dataset: Dataset, predictions: Predictions, view: str) -> Image
     height = max(tile.shape[0] for tile in tiles)
     rows = -(-len(tiles) // _COLUMNS)
     columns = min(_COLUMNS, len(tiles))
-    edges = [place * (height + 4) for place in range(rows + 1)]
-    sheet = np.full((edges[-1] - 4, columns * (_TILE_PX + 4) - 4, 3), 255, np.uint8)
-    for row, (top, _) in enumerate(pairwise(edges)):
-        for column, tile in enumerate(tiles[row * _COLUMNS : (row + 1) * _COLUMNS]):
-            left = column * (_TILE_PX + 4)
-            sheet[top : top + tile.shape[0], left : left + _TILE_PX] = tile
+    row_pitch, column_pitch = height + _GAP_PX, _TILE_PX + _GAP_PX
+    sheet = np.full((rows * row_pitch - _GAP_PX, columns * column_pitch - _GAP_PX, 3), 255, np.uint8)
+    for number, tile in enumerate(tiles):
+        top, left = number // _COLUMNS * row_pitch, number % _COLUMNS * column_pitch
+        sheet[top : top + tile.shape[0], left : left + _TILE_PX] = tile
     return sheet
 
 
 def _tile(image: Image) -> Image:
     """Returns ``image`` in colour and `_TILE_PX` wide."""
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image
-    high = max(1, round(colour.shape[0] * _TILE_PX / colour.shape[1]))
-    way = cv2.INTER_AREA if colour.shape[1] > _TILE_PX else cv2.INTER_NEAREST
-    return cv2.resize(colour, (_TILE_PX, high), interpolation=way)  # type: ignore[return-value]
+    height = max(1, round(colour.shape[0] * _TILE_PX / colour.shape[1]))
+    interpolation = cv2.INTER_AREA if colour.shape[1] > _TILE_PX else cv2.INTER_NEAREST
+    return cv2.resize(colour, (_TILE_PX, height), interpolation=interpolation)  # type: ignore[return-value]
 
 
 def _components(predictions: Predictions) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from ._style import COLOURS, GREY, jpeg_uri, make_figure, page_svg, to_svg
 
 _WIDTH_PX = 560
 _APART_NS = 1_000_000_000
+"""Least distance in time of two frames of a session."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +75,8 @@ def _worst(predictions: Predictions, count: int) -> IntArray:
     error = np.abs(predictions.magnitude_n - predictions.reference_magnitude_n)
     chosen: list[int] = []
     for index in np.argsort(-error, kind="stable")[: int(predictions.valid.sum())].tolist():
-        same = [k for k in chosen if predictions.session[k] == predictions.session[index]]
-        if all(abs(int(predictions.stamp_ns[k]) - int(predictions.stamp_ns[index])) > _APART_NS for k in same):
+        same_session = [k for k in chosen if predictions.session[k] == predictions.session[index]]
+        if all(abs(int(predictions.stamp_ns[k]) - int(predictions.stamp_ns[index])) > _APART_NS for k in same_session):
             chosen.append(index)
         if len(chosen) == count:
             break
@@ -85,15 +86,19 @@ def _worst(predictions: Predictions, count: int) -> IntArray:
 def _card(
     predictions: Predictions, index: int, observation: Observation, estimator: Estimator, dataset: Dataset
 ) -> Card:
-    true, found = float(predictions.reference_magnitude_n[index]), float(predictions.magnitude_n[index])
-    if np.isfinite(found):
-        answer_text = f"estimated {_both(found)}: {1e3 * (found - true):+.0f}\u00a0mN".replace(": -", ": \u2212")
+    """Returns the card of sample ``index`` of the predictions: its force, and its image with the detected shape.
+
+    Of a dataset without images it has the curve of the shape coefficients, on those of the session.
+    """
+    true, estimate = float(predictions.reference_magnitude_n[index]), float(predictions.magnitude_n[index])
+    if np.isfinite(estimate):
+        answer_text = f"estimated {_both(estimate)}: {1e3 * (estimate - true):+.0f}\u00a0mN".replace(": -", ": \u2212")
     else:
         answer_text = f"abstained: {predictions.status[index].replace('_', ' ')}"
         answer_text += f", {predictions.detail[index]}" if predictions.detail[index] else ""
     text = f"measured {_both(true)}, {answer_text}"
-    wanted = estimator.views[0]
-    shown = wanted if wanted in observation.views else next(iter(observation.views), wanted)
+    first_view = estimator.views[0]
+    shown = first_view if first_view in observation.views else next(iter(observation.views), first_view)
     name = str(dataset.names_of(shown)[predictions.index[index]])
     view, session = observation.views.get(shown), str(predictions.session[index])
     svg = uri = ""
@@ -118,9 +123,9 @@ def _photo(image: Image) -> str:
 
 def _session_curves(session: Dataset, most: int = 60) -> list[FloatArray]:
     """Returns the curves of up to ``most`` other samples of the session, for comparison."""
-    some = np.unique(np.linspace(0, len(session) - 1, min(most, len(session))).round().astype(int))
+    rows = np.unique(np.linspace(0, len(session) - 1, min(most, len(session))).round().astype(int))
     curves: list[FloatArray] = []
-    for observation in session.subset(some).observations():
+    for observation in session.subset(rows).observations():
         for view in observation.views.values():
             curve = _curve_of_features(view) if isinstance(view, ShapeFeatures) else None
             if curve is not None:

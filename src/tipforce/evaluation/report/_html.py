@@ -46,15 +46,14 @@ def write_report(evaluation: Evaluation, folder: str | Path, command: str = "") 
         _environment().get_template("report.html").render(r=metrics, head=dict.fromkeys(HEAD) | head, sections=sections)
     )
     with replacing_folder(folder) as fresh:
-        _fill(fresh, page, metrics, [*head.values(), *(each for made in drawings.values() for each in made)])
+        _fill(fresh, page, metrics, [*head.values(), *(each for section in drawings.values() for each in section)])
     return metrics
 
 
 def check_report_folder(folder: str | Path) -> None:
     """Checks that a report can be written to ``folder``, before minutes of training.
 
-    Raises:
-        InputError: ``folder`` is a file, or holds something that is no part of a report.
+    Raises InputError where ``folder`` is a file, or holds something that is no part of a report.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():

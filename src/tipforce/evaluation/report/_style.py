@@ -39,40 +39,26 @@ COLOURS = {
 METHOD_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 """Okabe and Ito's palette, which people with any colour vision can distinguish."""
 
+_SIZES = ("font.size", "axes.labelsize", "legend.fontsize", "xtick.labelsize", "ytick.labelsize")
+_INKED = ("axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "grid.color", "text.color", "xtick.color")
 _RC: dict[Any, Any] = {
+    **dict.fromkeys(_SIZES, TEXT_PX),
+    **dict.fromkeys((*_INKED, "ytick.color"), INK),
+    **dict.fromkeys(("axes.facecolor", "figure.facecolor", "savefig.facecolor", "svg.fonttype"), "none"),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
+    **dict.fromkeys(("axes.grid", "axes.axisbelow"), True),
+    **dict.fromkeys(("axes.linewidth", "grid.linewidth"), 0.8),
     "font.family": "DejaVu Sans",
-    "font.size": TEXT_PX,
     "axes.titlesize": 12.5,
     "axes.titleweight": "normal",
     "axes.titlelocation": "left",
     "axes.titlepad": 10,
-    "axes.labelsize": TEXT_PX,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.titlecolor": INK,
-    "axes.facecolor": "none",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.8,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": INK,
     "grid.alpha": 0.12,
-    "grid.linewidth": 0.8,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "legend.frameon": False,
-    "legend.fontsize": TEXT_PX,
-    "xtick.labelsize": TEXT_PX,
-    "ytick.labelsize": TEXT_PX,
     "lines.linewidth": 1.6,
-    "figure.facecolor": "none",
-    "savefig.facecolor": "none",
-    "svg.fonttype": "none",
     "svg.hashsalt": "tipforce",
     "mathtext.default": "regular",
 }
+"""Settings of Matplotlib for all figures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,15 +96,12 @@ def make_figure(
         title: Title in bold above it; an empty one takes no space.
         width_in: Width in inches; an inch is 72 pixels of the page.
         height_in: Height in inches.
-
-    Returns:
-        The figure.
     """
     with matplotlib.rc_context(_RC):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         if title:
-            most = int(width_in * _TITLE_PER_IN)
-            title = title if len(title) <= most else title[: most - 1] + "…"
+            max_letters = int(width_in * _TITLE_PER_IN)
+            title = title if len(title) <= max_letters else title[: max_letters - 1] + "…"
             figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold")
         draw(figure)
     return figure
@@ -157,9 +140,6 @@ def drawing_of(slug: str, caption: str, figure: Figure) -> Drawing:
         slug: Name of its file, without the ending.
         caption: Text below it.
         figure: The figure.
-
-    Returns:
-        The drawing, as a part of a page and as a file.
     """
     svg = to_svg(figure)
     width_in = float(figure.get_figwidth())
@@ -174,9 +154,6 @@ def image_drawing(slug: str, caption: str, image: Image) -> Drawing:
         slug: Name of its file, without the ending.
         caption: Text below it.
         image: (h, w, 3), not changed.
-
-    Returns:
-        The drawing, as a part of a page and as a file.
     """
     height, width = image.shape[:2]
     svg = (

@@ -20,6 +20,8 @@ from .._protocols import BY_SESSION, PROTOCOL_WORDS, MethodResult
 from .._statistics import MIN_SESSIONS
 from .._thesis import THESIS_FIGURES, beside_thesis
 
+_NO_BETTER_RATIO = 0.95
+"""From this multiple of the constant predictor's error on, a method has read nothing from the image."""
 _LIBRARIES = ("numpy", "scipy", "scikit-learn", "opencv-python-headless", "numba", "matplotlib", "onnxruntime")
 
 
@@ -47,7 +49,7 @@ def verdict(evaluation: Evaluation) -> list[str]:
     parts.append(f"a constant: {_both(constant.mae_n)}")
     sentences = ["; ".join(parts) + "."]
     ratio = result.mae_n / constant.mae_n if constant.mae_n > 0 else float("inf")
-    if ratio >= 0.95:
+    if ratio >= _NO_BETTER_RATIO:
         sentences.append("That is no better than always answering the same force: nothing was read from the image.")
     else:
         sentences.append(f"That is {100 * ratio:.0f} % of the constant’s error.")
@@ -144,6 +146,7 @@ def _views(evaluation: Evaluation) -> str:
 
 
 def _result(result: MethodResult, evaluation: Evaluation) -> dict[str, Any]:
+    """Returns one method under one protocol, an item of ``results``; see `summary`."""
     constant = evaluation.result(Constant.name, result.protocol)
     return {
         "method": result.method,
@@ -158,6 +161,7 @@ def _result(result: MethodResult, evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _splits(result: MethodResult) -> Sequence[dict[str, Any]]:
+    """Returns for each split the numbers of its samples, the time of the fit and facts of the fitted method."""
     return [
         {
             "name": fit.split.name,

@@ -81,11 +81,7 @@ _HEAD = ("", "MAE g", "MAE mN", "95 % CI mN", "RMSE mN", "max mN", "bias mN", "R
 
 
 def report_lines(metrics: dict[str, Any]) -> list[str]:
-    """Returns the report in a few lines of text: verdict, notes, the table of results.
-
-    Args:
-        metrics: Result of `write_report` or `summary`.
-    """
+    """Returns the result of `write_report` or `summary` in lines of text: verdict, notes, the table of results."""
     mn, grams, fixed, share, interval = (FILTERS[name] for name in ("mn", "grams", "fixed", "share", "mn_interval"))
     table: list[tuple[str, ...]] = []
     protocol = ""
@@ -100,20 +96,11 @@ def report_lines(metrics: dict[str, Any]) -> list[str]:
             f"  {name}", grams(m["mae_g"]), mn(m["mae_n"]), interval(m["mae_ci95_n"]), mn(m["rmse_n"]), mn(m["max_n"]),
             mn(m["bias_n"]), fixed(m["r2"], 2), share(m["coverage"]), share(scores["abstained_share"]),
         ))  # fmt: skip
-    first = max(len(cells[0]) for cells in table)
-    lines = [_line(_HEAD, first), *(_line(cells, first) for cells in table)]
-    return [
-        " ".join(metrics["verdict"]),
-        *metrics["notes"],
-        "",
-        *lines,
-        "",
-        *_thesis_lines(metrics),
-        *_trust_lines(metrics),
-        *_comparison_lines(metrics),
-        *_bound_lines(metrics),
-        *_perturbed_lines(metrics),
-    ]
+    width = max(len(cells[0]) for cells in table)
+    lines = [_line(_HEAD, width), *(_line(cells, width) for cells in table)]
+    sections = (_thesis_lines, _trust_lines, _comparison_lines, _bound_lines, _perturbed_lines)
+    below = [line for section in sections for line in section(metrics)]
+    return [" ".join(metrics["verdict"]), *metrics["notes"], "", *lines, "", *below]
 
 
 _COMPARED = ("", "MAE mN", "RMSE", "max", "bias", "Fx MAE", "Fy MAE", "R2", "coverage %", "abstained %", "us a frame")
@@ -131,9 +118,9 @@ def _comparison_lines(metrics: dict[str, Any]) -> list[str]:
         shares = [share(row[key]) for key in ("coverage", "abstained_share")]
         table.append((row["method"], *errors, fixed(row["r2"], 2), *shares, fixed(row["update_us"], 0)))
     table += [(f"{name}, sensor in the tip", mn(error)) for name, error in compared["sensors"].items()]
-    first = max(len(cells[0]) for cells in table)
+    width = max(len(cells[0]) for cells in table)
     breaks = [f"{row['method']}: {row['breaks']}" for row in compared["rows"] if row["breaks"]]
-    lines = [_line(cells, first, _COMPARED) for cells in (_COMPARED, *table)]
+    lines = [_line(cells, width, _COMPARED) for cells in (_COMPARED, *table)]
     return ["Methods side by side:", *lines, f"Sensors: {compared['sensor_source']}.", "", *breaks, ""]
 
 
@@ -151,11 +138,12 @@ def _thesis_lines(metrics: dict[str, Any]) -> list[str]:
             errors = (mn(row.get(key)) for key in ("mae_n", "min_error_n", "max_error_n"))
             by_axis = ([mn(each[key]) for each in directions.values()] for key in ("rmse_n", "max_error_n"))
             table.append((f"  {name}", forces, *errors, *(", ".join(values) or "–" for values in by_axis)))
-        first = max(len(cells[0]) for cells in table)
+        width = max(len(cells[0]) for cells in table)
+        # the widest cell of each column sets its width
         heads = tuple(max((row[k] for row in (_BESIDE_THESIS, *table)), key=len) for k in range(len(_BESIDE_THESIS)))
         lines += [
             "Beside the thesis:",
-            *(_line(cells, first, heads) for cells in (_BESIDE_THESIS, *table)),
+            *(_line(cells, width, heads) for cells in (_BESIDE_THESIS, *table)),
             beside["text"],
             "",
         ]
@@ -168,16 +156,16 @@ def _trust_lines(metrics: dict[str, Any]) -> list[str]:
     results = [each for each in metrics["results"] if each["protocol"] == metrics["strictest_protocol"]]
     trusts = {each["method"]: each["against_truth" if truth else "against_sensor"]["trust"] for each in results}
     first = next(iter(trusts.values()))
-    strata = list({each["from_n"]: each["below_n"] for trust in trusts.values() for each in trust["by_force"]}.items())
+    strata = sorted({each["from_n"]: each["below_n"] for t in trusts.values() for each in t["by_force"]}.items())
     mn, share = FILTERS["mn"], FILTERS["share"]
-    heads = tuple(f"{low:g}-{high:g} N" if high is not None else f">{low:g} N" for low, high in sorted(strata))
+    heads = tuple(f"{low:g}-{high:g} N" if high is not None else f">{low:g} N" for low, high in strata)
     table: list[tuple[str, ...]] = [("", "wrong %", "area mN", *heads, "worst %")]
     few = False
     for method, trust in trusts.items():
-        found = {each["from_n"]: each for each in trust["by_force"]}
+        stratum_from = {each["from_n"]: each for each in trust["by_force"]}
         cells: list[str] = []
-        for low, _ in sorted(strata):
-            part = found.get(low)
+        for low, _ in strata:
+            part = stratum_from.get(low)
             few |= part is not None and part["few"]
             cells.append("–" if part is None else share(part["coverage"]) + "*" * part["few"])
         worst = f"{share(trust['worst_coverage'])} ({trust['worst_stratum']})" if trust["worst_stratum"] else "–"
@@ -204,8 +192,10 @@ def _bound_lines(metrics: dict[str, Any]) -> list[str]:
         bound = result["against_bound"]
         if bound is None or result["protocol"] != metrics["strictest_protocol"] or result["method"] == Constant.name:
             continue
-        one, all_frames = (fixed(bound[kind]["magnitude"]["all"]["ratio"], 2) for kind in ("one_frame", "all_frames"))
-        ratios.append(f"{result['method']} {one} (one frame), {all_frames} (all frames until then)")
+        single, all_frames = (
+            fixed(bound[kind]["magnitude"]["all"]["ratio"], 2) for kind in ("one_frame", "all_frames")
+        )
+        ratios.append(f"{result['method']} {single} (one frame), {all_frames} (all frames until then)")
     if not ratios:
         return []
     return [f"Error over the Cramer-Rao bound: {'; '.join(ratios)}. Its unknown quantities: metrics.json.", ""]
@@ -215,22 +205,23 @@ def _perturbed_lines(metrics: dict[str, Any]) -> list[str]:
     """Writes each method's error under the largest perturbation of each kind."""
     if metrics["perturbed"] is None:
         return []
-    mn, share, found = FILTERS["mn"], FILTERS["share"], list[str]()
+    mn, share, text_lines = FILTERS["mn"], FILTERS["share"], list[str]()
     for method, (plain, *lines) in metrics["perturbed"].items():
-        largest = {line["kind"]: line for line in lines}
+        largest = {line["kind"]: line for line in lines}  # the last line of a kind has the largest size
         texts = [
             f"{kind} {line['size']} {mn(line['mae_n'])} ({share(line['abstained_share'])} % abstained)"
             for kind, line in largest.items()
             if "," not in kind
         ]
-        found.append(
+        text_lines.append(
             f"{method}, perturbed, MAE in mN on {plain['samples']} frames: {UNPERTURBED} "
             f"{mn(plain['mae_n'])}, {', '.join(texts)}; "
             f"a constant {mn(plain['constant']['mae_n'])}"
         )
-    return [*found, ""]
+    return [*text_lines, ""]
 
 
-def _line(cells: tuple[str, ...], first: int, heads: tuple[str, ...] = _HEAD) -> str:
+def _line(cells: tuple[str, ...], first_width: int, heads: tuple[str, ...] = _HEAD) -> str:
+    """Returns a line of a table: the first cell ``first_width`` wide, each other one wider than its head."""
     rest = "".join(cell.rjust(max(9, len(head) + 2)) for cell, head in zip(cells[1:], heads[1:], strict=False))
-    return (cells[0].ljust(first) + rest).rstrip()
+    return (cells[0].ljust(first_width) + rest).rstrip()

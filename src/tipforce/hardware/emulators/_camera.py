@@ -34,6 +34,7 @@ class CameraEmulator:
         return f"http://127.0.0.1:{self._port}/camera.mjpg"
 
     def __enter__(self) -> Self:
+        """Starts the HTTP server in a thread of its own; each connection gets a stream of images."""
         emulator = self
 
         class Stream(BaseHTTPRequestHandler):

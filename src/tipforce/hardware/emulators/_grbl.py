@@ -1,6 +1,7 @@
 """Emulates a GRBL 1.1 controller at a serial port: jogs with ramps, status, feed hold, cancel, reset, alarms."""
 
 import math
+import operator
 import time
 from collections import deque
 from pathlib import Path
@@ -168,7 +169,7 @@ class GrblEmulator(PtyDevice):
         return None
 
     def step(self) -> None:
-        """Moves for the time that has passed."""
+        """Moves for the time that has passed, in steps of at most 1 ms."""
         now = time.monotonic()
         left_s, self._last_s = now - self._last_s, now
         while left_s > 0 and self._state == "Jog":
@@ -184,7 +185,7 @@ class GrblEmulator(PtyDevice):
         remaining_mm = math.hypot(*remaining)
         share = [abs(component) / remaining_mm if remaining_mm else 0.0 for component in remaining]
         ramp, max_speed = self._limits_along(share, feed)
-        end_speed = self._leaving_speed(remaining, remaining_mm)
+        end_speed = self._end_speed(remaining, remaining_mm)
         braking_speed = 0.0 if self._braking else math.sqrt(end_speed * end_speed + 2 * ramp * remaining_mm)
         self._speed = max(
             min(self._speed + ramp * seconds, max_speed, braking_speed), self._speed - ramp * seconds, 0.0
@@ -198,36 +199,40 @@ class GrblEmulator(PtyDevice):
         if self._braking and self._speed <= 0:
             self._queue.clear()
             self._braking, self._state = False, "Idle"
-        elif remaining_mm - step_mm < 1e-3:
+        elif remaining_mm - step_mm < 1e-3:  # the target is reached
             self.place, self._speed = list(target), min(self._speed, end_speed)
             self._queue.popleft()
             if not self._queue:
                 self._state, self._braking = "Idle", False
 
     def _limits_along(self, share: list[float], feed: float) -> tuple[float, float]:
-        """Returns acceleration and speed along a move; each axis has its ``share`` of them."""
+        """Returns the largest acceleration (mm/s^2) and speed (mm/s) of a move; each axis has its ``share`` of them."""
         brake = min((self.settings[str(120 + k)] / share[k] for k in range(3) if share[k]), default=1e9)
         return brake, min([feed, *(self.settings[str(110 + k)] / 60.0 / share[k] for k in range(3) if share[k])])
 
-    def _leaving_speed(self, way: list[float], length: float) -> float:
-        """Returns the speed at the end of the first move from which the next moves can still come to rest in time."""
-        here, moves = self._queue[0][0], list(self._queue)[1:]
+    def _end_speed(self, way: list[float], length: float) -> float:
+        """Returns the speed in mm/s at the end of the first move from which the next moves can come to rest in time.
+
+        ``way`` is the rest of the first move by axis, ``length`` its length, mm. At a corner the speed is that of the
+        slower move times the cosine of the angle.
+        """
+        (start, feed), *next_moves = self._queue
         junctions: list[tuple[float, float, float]] = []  # speed at a corner; length and brake of the move after it
-        feed = self._queue[0][1]
-        for target, next_feed in moves:
-            next_way = [end - start for end, start in zip(target, here, strict=True)]
+        for target, next_feed in next_moves:
+            next_way = [end - begin for end, begin in zip(target, start, strict=True)]
             next_length = math.hypot(*next_way)
-            cosine = sum(a * b for a, b in zip(way, next_way, strict=True)) / (length * next_length or 1.0)
-            share = [abs(each) / next_length if next_length else 0.0 for each in next_way]
+            cosine = sum(map(operator.mul, way, next_way)) / (length * next_length or 1.0)
+            share = [abs(component) / next_length if next_length else 0.0 for component in next_way]
             brake, top = self._limits_along(share, next_feed)
             junctions.append((min(feed, top) * max(0.0, cosine), next_length, brake))
-            here, way, length, feed = target, next_way, next_length, next_feed
-        speed = 0.0
-        for corner, next_length, brake in reversed(junctions):
-            speed = min(corner, math.sqrt(speed * speed + 2 * brake * next_length))
+            start, way, length, feed = target, next_way, next_length, next_feed
+        speed = 0.0  # at the end of the last move; backwards from there, each move brakes to the speed after it
+        for corner_speed, next_length, brake in reversed(junctions):
+            speed = min(corner_speed, math.sqrt(speed * speed + 2 * brake * next_length))
         return speed
 
     def _report(self) -> None:
+        """Sends a status: state, machine position in mm, feed in mm/min, and at times the work offset."""
         numbers = ",".join(f"{value:.3f}" for value in self.place)
         state = "Hold:0" if self._state == "Hold" else self._state
         extra = ""

@@ -68,6 +68,7 @@ class NetFtEmulator:
     garbage_while_faulty: int = 2_000_000_000
 
     def __enter__(self) -> Self:
+        """Starts the UDP socket and the HTTP page, each served by a thread, and the thread that sends packets."""
         self.sent = {"made": 0, "lost": 0, "reordered": 0, "skipped": 0, "silenced": 0, "requests": 0}
         self.biased = 0
         self.rdt, self._ft = 0, 0
@@ -145,7 +146,7 @@ class NetFtEmulator:
 
     def _send(self) -> None:
         """Sends packets at the stated rate until the box stops; applies the faults to them."""
-        held: bytes | None = None
+        held: bytes | None = None  # a packet that is sent after the next one
         zero, done = time.monotonic(), 0
         while not self._stopped.is_set():
             due = int((time.monotonic() - zero) * self.rate_hz)

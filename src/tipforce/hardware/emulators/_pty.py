@@ -32,16 +32,16 @@ class PtyDevice:
                 os.write(self._master, text.encode())
 
     def plug_in(self) -> None:
-        """Makes the port."""
+        """Makes the port, and the link to it under its lasting name."""
         import tty
 
         master, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(master, False)
-        beside = self.path.with_name(self.path.name + ".new")
-        beside.unlink(missing_ok=True)
-        beside.symlink_to(os.ttyname(slave))
-        beside.replace(self.path)
+        new_link = self.path.with_name(self.path.name + ".new")
+        new_link.unlink(missing_ok=True)
+        new_link.symlink_to(os.ttyname(slave))
+        new_link.replace(self.path)
         with self._lock:
             self._master, self._slave = master, slave
 
@@ -55,6 +55,7 @@ class PtyDevice:
             self.path.unlink(missing_ok=True)
 
     def _run(self) -> None:
+        """Passes the bytes from the driver to `received`, and calls `step`, every two milliseconds."""
         while not self._stopped.is_set():
             with self._lock:
                 data = b""

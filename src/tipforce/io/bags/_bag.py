@@ -80,17 +80,17 @@ class Bag(ClosedAtExit):
         return np.empty(0) if constant is None else np.array([constant])
 
     def __iter__(self) -> Iterator[Event]:
-        """Yields the images, and before each the readings of the catheter's drives."""
+        """Yields the images, and before each the readings of the catheter's drives since the image before it."""
         stamps = np.empty(0, np.int64) if self.joints is None else self.joints.stamp_ns
-        row, first = 0, True
-        for frame in self.frames():
-            if first and self.session_info.actuation.constant:
-                yield Actuation(frame.stamp_ns, dict(self.session_info.actuation.constant))
-            first = False
+        constant = dict(self.session_info.actuation.constant)
+        row = 0
+        for number, frame in enumerate(self.frames()):
+            if number == 0 and constant:
+                yield Actuation(frame.stamp_ns, constant)
             while self.joints is not None and row < len(stamps) and stamps[row] <= frame.stamp_ns:
                 readings = {name: float(values[row]) for name, values in self.joints.values.items()}
-                stated = {name: value for name, value in readings.items() if not math.isnan(value)}
-                yield Actuation(int(stamps[row]), stated)
+                present = {name: value for name, value in readings.items() if not math.isnan(value)}
+                yield Actuation(int(stamps[row]), present)
                 row += 1
             yield frame
 
@@ -101,11 +101,11 @@ class Bag(ClosedAtExit):
         one leaves it when another comes.
         """
         names = {topic.name: view for view, topic in self.views.items()}
-        depths = {name: StreamDepth(_Wide(self.path, name)) for name in names}
-        waiting: list[tuple[int, int, str, Any]] = []
-        last: dict[str, int] = {}
+        depths = {name: StreamDepth(_DeepImages(self.path, name)) for name in names}
+        waiting: list[tuple[int, int, str, Any]] = []  # stamp, place in the bag, topic, message
+        last: dict[str, int] = {}  # topic -> stamp of its last image
 
-        def due(waiting_count: int) -> Iterator[Frame]:
+        def pop_all_but(waiting_count: int) -> Iterator[Frame]:
             while len(waiting) > waiting_count:
                 stamp, _, name, content = heapq.heappop(waiting)
                 if stamp > last.get(name, -1):
@@ -119,16 +119,16 @@ class Bag(ClosedAtExit):
                         f'bench.toml: bag.receive_times = ["{name}"]'
                     )
 
-        for place, (name, message) in enumerate(messages(self.path, list(names))):
+        for order, (name, message) in enumerate(messages(self.path, list(names))):
             stamp = _stamp(message, name in self.received)
             if stamp is not None:
-                heapq.heappush(waiting, (stamp, place, name, message.content))
-                yield from due(REORDERED_FRAMES)
-        yield from due(0)
+                heapq.heappush(waiting, (stamp, order, name, message.content))
+                yield from pop_all_but(REORDERED_FRAMES)
+        yield from pop_all_but(0)
 
 
-class _Wide:
-    """Yields the images of 16 bits of one topic, encoded."""
+class _DeepImages:
+    """Yields the images of 16 bits of one topic, encoded: all of them determine how many bits the camera uses."""
 
     def __init__(self, path: Path, topic: str) -> None:
         self._path, self._topic = path, topic
@@ -176,12 +176,11 @@ def open_bag(path: Path, info: SessionInfo, *, images: bool = True) -> Bag:
         if force:
             remarks.append(f"the force is taken from its only topic of forces, {force.name}")
     drives, stage = _drive_topics(path, topics, stated, remarks)
-    taken = [*(topic.name for topic in views.values()), *([force.name] if force else []), *drives, *stage]
-    received = _without_stamps(path, topics, taken, stated, remarks)
+    used = [*(topic.name for topic in views.values()), *([force.name] if force else []), *drives, *stage]
+    received = _without_stamps(path, topics, used, stated, remarks)
     bag = Bag(path, SessionInfo(path.stem).updated(info), views, remarks=remarks, received=received)
     columns = _Columns(path, received, stated.names, {topic.name: topic.kind for topic in topics.values()})
-    others = [name for name in (*drives, *stage, *([force.name] if force else [])) if name]
-    for name, message in messages(path, others):
+    for name, message in messages(path, [*drives, *stage, *([force.name] if force else [])]):
         columns.add(name, message)
     if force:
         bag.force = columns.force(force.name)
@@ -191,11 +190,13 @@ def open_bag(path: Path, info: SessionInfo, *, images: bool = True) -> Bag:
 
 
 def _views(path: Path, topics: Mapping[str, Topic], stated: BagInfo, remarks: list[str]) -> dict[str, Topic]:
-    """Returns view -> topic of its images."""
+    """Returns view -> topic of its images: the stated ones, else the only topic of images, with a remark.
+
+    Raises FileFormatError where there is no topic of images, InputError where there are several or a stated one is not.
+    """
     if stated.views:
-        named = {view: (name, f"bag.views.{view}") for view, name in stated.views.items()}
-        found = {view: _named(path, topics, name, key, IMAGE_KINDS) for view, (name, key) in named.items()}
-        return {view: topic for view, topic in found.items() if topic is not None}
+        chosen = {v: _named(path, topics, name, f"bag.views.{v}", IMAGE_KINDS) for v, name in stated.views.items()}
+        return {view: topic for view, topic in chosen.items() if topic is not None}
     only = only_topic(path, topics, IMAGE_KINDS, "images", 'bag.views = {{ camera = "{}" }}')
     if only is None:
         raise FileFormatError(
@@ -213,30 +214,34 @@ def _named(path: Path, topics: Mapping[str, Topic], name: str | None, key: str, 
         return None
     topic = topics.get(name) or topics.get("/" + name.strip("/"))
     if topic is None or topic.kind not in kinds:
-        said = "has no topic" if topic is None else f"has messages of the type {topic.kind} in the topic"
-        fitting = [each for each in topics.values() if each.kind in kinds]
-        there = f"those of the types {' or '.join(kinds)} are {listed_topics(fitting) or 'none'}"
-        raise InputError(f"{path}: {said} {name!r}, as {key} in bench.toml states; {there}")
+        fault = "has no topic" if topic is None else f"has messages of the type {topic.kind} in the topic"
+        fitting = [topic for topic in topics.values() if topic.kind in kinds]
+        choice = f"those of the types {' or '.join(kinds)} are {listed_topics(fitting) or 'none'}"
+        raise InputError(f"{path}: {fault} {name!r}, as {key} in bench.toml states; {choice}")
     return topic
 
 
 def _drive_topics(
     path: Path, topics: Mapping[str, Topic], stated: BagInfo, remarks: list[str]
 ) -> tuple[list[str], list[str]]:
-    """Returns the topics of the catheter's drives, and those of the stage."""
+    """Returns the names of the topics of the catheter's drives, and of those of the stage.
+
+    Where ``bench.toml`` states none, the name of a topic of numbers decides: a length ("x_mm") is the stage, another
+    NAME_UNIT a drive. The only topic of joints belongs to the drives. The choices are added to ``remarks``.
+    """
     kinds = ("JointState", *NUMBER_KINDS)
     chosen: list[list[str]] = []
     for key, names in (("drives", stated.drives), ("stage", stated.stage)):
-        found = [_named(path, topics, name, f"bag.{key}", kinds) for name in names or ()]
-        chosen.append([topic.name for topic in found if topic is not None])
+        stated_topics = [_named(path, topics, name, f"bag.{key}", kinds) for name in names or ()]
+        chosen.append([topic.name for topic in stated_topics if topic is not None])
     drives, stage = chosen
     if stated.drives is None:
-        left = {name: topic for name, topic in topics.items() if name not in stage}
-        named = [name for name, topic in left.items() if topic.kind in NUMBER_KINDS and _named_by_topic(name)]
+        not_stage = {name: topic for name, topic in topics.items() if name not in stage}
+        named = [name for name, topic in not_stage.items() if topic.kind in NUMBER_KINDS and _named_by_topic(name)]
         if stated.stage is None:
             stage = [name for name in named if _unit(_named_by_topic(name)) in ("m", "mm", "um")]
             named = [name for name in named if name not in stage]
-        only = only_topic(path, left, ("JointState",), "joints", 'bag.drives = ["{}"], or [] for none')
+        only = only_topic(path, not_stage, ("JointState",), "joints", 'bag.drives = ["{}"], or [] for none')
         drives = named + ([only.name] if only else [])
         if drives:
             remarks.append(f"the catheter's drives are taken from {', '.join(drives)}")
@@ -259,32 +264,46 @@ def _unit(name: str) -> str:
 def _without_stamps(
     path: Path, topics: Mapping[str, Topic], taken: Sequence[str], stated: BagInfo, remarks: list[str]
 ) -> frozenset[str]:
-    """Returns the topics that are placed at receive times. Raises TimeError for others without stamps of their own."""
+    """Returns those of the topics ``taken`` that are placed at receive times, as ``bench.toml`` states; adds a remark.
+
+    Raises TimeError for others without stamps of their own.
+    """
     stated_topics = {"/" + name.strip("/") for name in stated.receive_times}
-    placed = {name for name in taken if "/" + name.strip("/") in stated_topics}
-    open_topics = {name for name in taken if topics[name].count and name not in placed}
+    by_receive_time = {name for name in taken if "/" + name.strip("/") in stated_topics}
+    open_topics = {name for name in taken if topics[name].count and name not in by_receive_time}
     stamped: set[str] = set()
     for name, message in messages(path, sorted(open_topics)):
         if message.header_ns > 0:
             stamped.add(name)
             if stamped == open_topics:
                 break
-    found = sorted(open_topics - stamped)
-    if found:
-        line = ", ".join(f'"{name}"' for name in sorted({*found, *placed}))
+    unstamped = sorted(open_topics - stamped)
+    if unstamped:
+        line = ", ".join(f'"{name}"' for name in sorted({*unstamped, *by_receive_time}))
         raise TimeError(
-            f"{path}: the messages of {', '.join(found)} have no stamp of their own (header.stamp is 0 or missing); to "
-            "use the times at which they were received, which are late by the transport, state in bench.toml: "
+            f"{path}: the messages of {', '.join(unstamped)} have no stamp of their own (header.stamp is 0 or missing)"
+            "; to use the times at which they were received, which are late by the transport, state in bench.toml: "
             f"bag.receive_times = [{line}]"
         )
-    if placed:
-        remarks.append(f"{', '.join(sorted(placed))}: placed at the times at which the messages were received")
-    return frozenset(placed)
+    if by_receive_time:
+        names = ", ".join(sorted(by_receive_time))
+        remarks.append(f"{names}: placed at the times at which the messages were received")
+    return frozenset(by_receive_time)
 
 
 @dataclass(slots=True)
 class _Columns:
-    """Collects the readings of topics."""
+    """Collects the readings of topics of forces and drives.
+
+    Attributes:
+        path: the bag, for messages.
+        received: topics whose messages are stamped with the times at which they were received.
+        names: joint or topic -> NAME_UNIT of the drive, as ``bench.toml`` states.
+        kinds: topic -> type of its messages.
+        stamps: topic -> stamps of its messages in ns; the rows of ``wrenches`` and ``values`` belong to them.
+        wrenches: topic -> forces (x, y, z), N.
+        values: topic -> for each message the joints with their readings; a topic of numbers is a joint of its own name.
+    """
 
     path: Path
     received: frozenset[str]
@@ -307,8 +326,8 @@ class _Columns:
             vector = content.wrench.force if hasattr(content, "wrench") else content.force
             self.wrenches.setdefault(topic, []).append((float(vector.x), float(vector.y), float(vector.z)))
         elif kind == "JointState":
-            here = dict(zip(map(str, content.name), map(float, content.position), strict=False))
-            self.values.setdefault(topic, []).append(here)
+            positions = dict(zip(map(str, content.name), map(float, content.position), strict=False))
+            self.values.setdefault(topic, []).append(positions)
         else:
             self.values.setdefault(topic, []).append({topic: float(content.data)})
 
@@ -327,11 +346,17 @@ class _Columns:
         return ForceLog(stamps, force, None, f"force = {topic} (N)", remarks=remarks)
 
     def drives(self, topics: Sequence[str], remarks: list[str]) -> DriveLog | None:
-        """Returns the readings of drives: NAME_UNIT -> (n,). Raises InputError where a name has no unit."""
-        found: list[tuple[IntArray, dict[str, FloatArray]]] = []
+        """Returns the readings of the drives of some topics at all their stamps; None without a reading.
+
+        A drive is NaN at the stamps of the other topics. Remarks on the units are added to ``remarks``.
+
+        Raises:
+            InputError: the name of a joint has no unit, or a reading is outside of the range of its drive.
+        """
+        logs: list[tuple[IntArray, dict[str, FloatArray]]] = []  # for each topic: stamps, NAME_UNIT -> readings (n,)
         for topic in topics:
-            stamps, rows, said = self._in_order(topic)
-            remarks += said
+            stamps, rows, repeat_remarks = self._in_order(topic)
+            remarks += repeat_remarks
             readings = [self.values[topic][row] for row in rows.tolist()] if topic in self.values else []
             columns: dict[str, FloatArray] = {}
             for joint in dict.fromkeys(name for row in readings for name in row):
@@ -348,15 +373,15 @@ class _Columns:
                         f"{columns[name][outside]:g}, expected {limits}; check the unit in bench.toml: bag.names"
                     )
             if columns:
-                found.append((stamps, columns))
-        if not found:
+                logs.append((stamps, columns))
+        if not logs:
             return None
-        every = np.unique(np.concatenate([stamps for stamps, _ in found]))
-        values = {name: np.full(len(every), math.nan) for _, columns in found for name in columns}
-        for stamps, columns in found:
+        all_stamps = np.unique(np.concatenate([stamps for stamps, _ in logs]))
+        values = {name: np.full(len(all_stamps), math.nan) for _, columns in logs for name in columns}
+        for stamps, columns in logs:
             for name, column in columns.items():
-                values[name][np.searchsorted(every, stamps)] = column
-        return DriveLog(every, values)
+                values[name][np.searchsorted(all_stamps, stamps)] = column
+        return DriveLog(all_stamps, values)
 
     def _name(self, topic: str, joint: str) -> tuple[str, float]:
         """Returns NAME_UNIT of a joint or topic, and the factor that converts its readings to this unit."""
@@ -372,7 +397,10 @@ class _Columns:
         return name, 1.0
 
     def _in_order(self, topic: str) -> tuple[IntArray, IntArray, tuple[str, ...]]:
-        """Returns rising stamps, their rows, and remarks on the rows that are left out."""
+        """Returns the (m,) rising stamps of a topic, the messages that they belong to, and remarks on repeated stamps.
+
+        Raises TimeError for a pause of more than a day: then the clocks of the messages differ.
+        """
         stamps = np.array(self.stamps.get(topic, []), np.int64)
         order = np.argsort(stamps, kind="stable")
         keep = np.diff(stamps[order], prepend=-1) > 0
@@ -383,5 +411,5 @@ class _Columns:
                 f'were received instead, state in bench.toml: bag.receive_times = ["{topic}"]'
             )
         repeats = int(np.sum(~keep))
-        said = (f"{topic}: {repeats} messages repeat the stamp of another and are left out",) if repeats else ()
-        return stamps[order][keep], order[keep], said
+        remark = f"{topic}: {repeats} messages repeat the stamp of another and are left out"
+        return stamps[order][keep], order[keep], (remark,) if repeats else ()

@@ -52,8 +52,8 @@ def image_of(content: Any, where: str, depth: StreamDepth) -> Image:
     if encoding in _GREY_16:
         return decode_image(png_of_16_bits(content, where), where, depth)
     width, height = int(content.width), int(content.height)
-    pairs = encoding in ("yuv422", "uyvy", "yuv422_yuy2", "yuyv")
-    channels = 2 if pairs else _CHANNELS.get(encoding, 1)
+    # YUV 4:2:2: two bytes a pixel, because two neighbours share their colour
+    channels = 2 if encoding in ("yuv422", "uyvy", "yuv422_yuy2", "yuyv") else _CHANNELS.get(encoding, 1)
     if not (encoding in _GREY_8 or encoding == "rgb8" or encoding in _TO_RGB):
         raise FileFormatError(
             f"{where}: has pixels of the type {content.encoding!r}; expected 8 or 16 bits grey, RGB, BGR, Bayer or YUV "
@@ -84,9 +84,6 @@ def png_of_16_bits(content: Any, where: str) -> bytes:
     Args:
         content: the fields of a sensor_msgs/Image with one channel of 16 bits.
         where: the bag and the topic, for the message.
-
-    Returns:
-        The encoded image.
 
     Raises:
         FileFormatError: the image's bytes do not fit its size.

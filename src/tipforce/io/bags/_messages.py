@@ -46,8 +46,8 @@ def _opened(path: Path) -> Generator[Any]:
     highlevel, typesys = import_extra("rosbags.highlevel", "ros"), import_extra("rosbags.typesys", "ros")
     try:
         # bags of ROS 2 before 2023 do not hold the definitions of their messages
-        known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        with highlevel.AnyReader([path], default_typestore=known) as reader:
+        message_types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        with highlevel.AnyReader([path], default_typestore=message_types) as reader:
             yield reader
     except TipforceError:
         raise
@@ -79,6 +79,7 @@ def messages(path: Path, names: Sequence[str]) -> Iterator[tuple[str, BagMessage
     """
     with _opened(path) as reader:
         chosen = [connection for connection in reader.connections if connection.topic in names]
+        # without a connection the library would yield all messages
         for connection, received_ns, raw in reader.messages(connections=chosen) if chosen else ():
             content: Any = reader.deserialize(raw, connection.msgtype)
             stamp = getattr(getattr(content, "header", None), "stamp", None)
@@ -99,13 +100,13 @@ def only_topic(path: Path, topics: Mapping[str, Topic], kinds: Sequence[str], co
     Raises:
         InputError: there are several.
     """
-    found = [topic for topic in topics.values() if topic.kind in kinds and topic.count]
-    if len(found) > 1:
+    fitting = [topic for topic in topics.values() if topic.kind in kinds and topic.count]
+    if len(fitting) > 1:
         raise InputError(
-            f"{path}: has several topics of {content}: {listed_topics(found)}; state one in bench.toml: "
-            f"{line.format(found[0].name)}"
+            f"{path}: has several topics of {content}: {listed_topics(fitting)}; state one in bench.toml: "
+            f"{line.format(fitting[0].name)}"
         )
-    return found[0] if found else None
+    return fitting[0] if fitting else None
 
 
 def listed_topics(topics: Sequence[Topic]) -> str:

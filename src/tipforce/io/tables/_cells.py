@@ -48,13 +48,7 @@ class ColumnTable(Table):
 
     unit_of_place = "row"
 
-    def __init__(
-        self,
-        path: Path,
-        arrays: "Mapping[str, np.ndarray]",
-        log: LogInfo,
-        key: str,  # type: ignore[type-arg]
-    ) -> None:
+    def __init__(self, path: Path, arrays: "Mapping[str, np.ndarray]", log: LogInfo, key: str) -> None:  # type: ignore[type-arg]
         """Takes the rows of the arrays that ``log`` states, all where it states none.
 
         Args:

@@ -47,7 +47,7 @@ class _Placed(Protocol):
 def check_actuation(
     table: _Placed, column: str, values: FloatArray, *, as_name: str = "", remedy: str = "correct the row or remove it"
 ) -> None:
-    """Checks that readings are in the range of their drive; NaN is no reading.
+    """Checks that readings are in the range of their drive; NaN, which marks a missing reading, passes.
 
     Args:
         table: origin of the readings, for the message.
@@ -59,10 +59,10 @@ def check_actuation(
     Raises:
         TableError: a reading is outside of the range; the message names its row.
     """
-    expected = actuation_range(as_name or column)
-    row = expected.outside(values)
+    limits = actuation_range(as_name or column)
+    row = limits.outside(values)
     if row is not None:
         raise TableError(
-            f"{table.path}, {table.place(row)}, column {column}: {values[row]:g} is outside of {expected}; {remedy}, "
+            f"{table.path}, {table.place(row)}, column {column}: {values[row]:g} is outside of {limits}; {remedy}, "
             "or check the column's unit"
         )

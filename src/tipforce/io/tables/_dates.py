@@ -20,25 +20,9 @@ _CLOCK = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\
 _STAMP = re.compile(rf"^(?:(?P<day>{_NUMBERS}|{_NAMED})(?:T|,?\s+))?{_CLOCK}\s*(?:Z|([+-]\d\d):?(\d\d))?$")
 _DATE = re.compile(rf"^(?:{_NUMBERS}|{_NAMED})$")
 _OTHER_BLANKS = str.maketrans({"\u202f": " ", "\xa0": " "})
-_MONTHS = {
-    "jan": 1,
-    "feb": 2,
-    "mar": 3,
-    "apr": 4,
-    "may": 5,
-    "jun": 6,
-    "jul": 7,
-    "aug": 8,
-    "sep": 9,
-    "oct": 10,
-    "nov": 11,
-    "dec": 12,
-    "mär": 3,
-    "mrz": 3,
-    "mai": 5,
-    "okt": 10,
-    "dez": 12,
-}
+_ENGLISH_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec"
+_GERMAN_MONTHS = {"mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12}
+_MONTHS = _GERMAN_MONTHS | {name: number for number, name in enumerate(_ENGLISH_MONTHS.split(), start=1)}
 
 
 class NoDate(ValueError):
@@ -117,29 +101,18 @@ def parse_times(cells: Sequence[str], order: DateOrder | None, dates: Sequence[s
     clock_ns = np.empty(len(cells), np.int64)
     days: list[str] = []
     for row, cell in enumerate(cells):
-        found = _STAMP.match(cell if cell.isascii() else cell.translate(_OTHER_BLANKS))
-        if found is None:
+        match = _STAMP.match(cell if cell.isascii() else cell.translate(_OTHER_BLANKS))
+        time_ns = None if match is None else _time_of_day_ns(match)
+        if match is None or time_ns is None:
             raise NoDate(row)
-        day, _, hour, minute, second, fraction, half, zone_hour, zone_minute = found.groups()
-        hours = int(hour)
-        if half:
-            hours = hours % 12 + (12 if half in "Pp" else 0)
-        if hours > 23 or int(minute) > 59 or int(second or 0) > 60:
-            raise NoDate(row)
-        ns = ((hours * 60 + int(minute)) * 60 + int(second or 0)) * 1_000_000_000
-        if fraction:
-            ns += int(fraction) * 10 ** (9 - len(fraction))
-        if zone_hour:
-            ahead = int(zone_hour) * 60 + int(zone_hour[0] + zone_minute)
-            ns -= ahead * 60_000_000_000
-        clock_ns[row] = ns
-        days.append(day or "")
+        clock_ns[row] = time_ns
+        days.append(match["day"] or "")
     if dates is not None:
         days = [date.translate(_OTHER_BLANKS) for date in dates]
-    if not any(days):
+    if not any(days):  # a fall from 23:59 to 0:00 is the next day, not a clock that was set back
         return Times(np.unwrap(clock_ns, period=_DAY_NS).astype(np.int64), "time of day", None)
     found_order = order or _order_of(set(days))
-    ordinals: dict[str, int] = {}
+    ordinals: dict[str, int] = {}  # text of a date -> days since 1970; a log has few dates and many rows
     day_ns = np.empty(len(cells), np.int64)
     for row, day in enumerate(days):
         if day not in ordinals:
@@ -152,6 +125,23 @@ def parse_times(cells: Sequence[str], order: DateOrder | None, dates: Sequence[s
             ordinals[day] = date.toordinal() - _EPOCH
         day_ns[row] = ordinals[day]
     return Times(day_ns * _DAY_NS + clock_ns, "date", found_order)
+
+
+def _time_of_day_ns(match: re.Match[str]) -> int | None:
+    """Returns the ns since midnight (UTC if a zone is stated) of a match of `_STAMP`; None for an impossible time."""
+    _, _, hour, minute, second, fraction, am_or_pm, zone_hour, zone_minute = match.groups()
+    hours, minutes, seconds = int(hour), int(minute), int(second or 0)
+    if am_or_pm:  # 12 AM is 0 h, 12 PM is 12 h
+        hours = hours % 12 + (12 if am_or_pm in "Pp" else 0)
+    if hours > 23 or minutes > 59 or seconds > 60:  # 60: a leap second
+        return None
+    ns = ((hours * 60 + minutes) * 60 + seconds) * 1_000_000_000
+    if fraction:
+        ns += int(fraction) * 10 ** (9 - len(fraction))
+    if zone_hour:  # its sign is also that of the minutes
+        zone_minutes = int(zone_hour) * 60 + int(zone_hour[0] + zone_minute)
+        ns -= zone_minutes * 60_000_000_000
+    return ns
 
 
 def _parts(day: str) -> tuple[str, str, str] | None:
@@ -171,27 +161,30 @@ def _order_of(days: Iterable[str]) -> DateOrder | None:
     example = next(iter(numbers))
     if all(len(parts[0]) == 4 for parts in numbers.values()):
         return "ymd"
-    dmy = all(1 <= int(first) <= 31 and 1 <= int(second) <= 12 for first, second, _ in numbers.values())
-    mdy = all(1 <= int(first) <= 12 and 1 <= int(second) <= 31 for first, second, _ in numbers.values())
-    if dmy and (not mdy or all("." in day for day in numbers)):
+    dmy_fits = all(1 <= int(first) <= 31 and 1 <= int(second) <= 12 for first, second, _ in numbers.values())
+    mdy_fits = all(1 <= int(first) <= 12 and 1 <= int(second) <= 31 for first, second, _ in numbers.values())
+    if dmy_fits and (not mdy_fits or all("." in day for day in numbers)):
         return "dmy"
-    if mdy and not dmy:
+    if mdy_fits and not dmy_fits:
         return "mdy"
-    raise AmbiguousDates(example, ("dmy", "mdy") if dmy else ())
+    raise AmbiguousDates(example, ("dmy", "mdy") if dmy_fits else ())
 
 
 def _date(day: str, order: DateOrder | None) -> datetime.date:
-    """Returns the date in ``day``. Raises ValueError where it is no date in this order."""
+    """Returns the date of ``day``: numbers in this order, or the name of a month with day and year ("31 Dec 2026").
+
+    Raises ValueError where it is no such date.
+    """
     parts = _parts(day)
     if parts is not None:
         values = dict(zip(order or "ymd", parts, strict=True))
         return datetime.date(_year(values["y"]), int(values["m"]), int(values["d"]))
     words = re.findall(r"\d+|[^\W\d_]+", day)
-    named = next((word for word in words if not word.isdigit()), "")
-    numbers = [word for word in words if word.isdigit()]
-    if len(numbers) != 2 or named[:3].lower() not in _MONTHS:
+    month = _MONTHS.get(next((word for word in words if not word.isdigit()), "")[:3].lower())
+    numbers = [word for word in words if word.isdigit()]  # day and year, in this order also in "Aug 1, 2018"
+    if len(numbers) != 2 or month is None:
         raise ValueError(day)
-    return datetime.date(_year(numbers[1]), _MONTHS[named[:3].lower()], int(numbers[0]))
+    return datetime.date(_year(numbers[1]), month, int(numbers[0]))
 
 
 def _year(text: str) -> int:

@@ -32,6 +32,9 @@ _SAMPLE_LINES = 200
 _CHECKED_ROWS = 3
 """Number of rows below a header that must be rows of its table."""
 _MAX_COLUMNS = 10_000
+_BINARY_SAMPLE_BYTES, _MAX_HIGH_SHARE = 4096, 0.3
+"""A file that is not UTF-8 is binary if more than this share of its first bytes is above 127 (not ASCII): words in a
+Windows code page have few such bytes."""
 _GZIP = b"\x1f\x8b"
 _GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([.,])\d{3})+(?:(?!\1)[.,]\d*)?$")
 """A number whose thousands are, or may be, grouped."""
@@ -97,23 +100,24 @@ def encoding_of(path: Path) -> str:
         wide = sample.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         if sample.startswith(_GZIP):
             raise FileFormatError(f"{path}: is compressed (gzip); unpack it first")
-        block, at = sample, 0
-        while block:
-            if not wide and (place := block.find(b"\0")) >= 0:
-                raise FileFormatError(f"{path}: is no text table (byte {at + place} is 0); export it as CSV")
+        block, offset = sample, 0
+        while block:  # the whole file: its damage or its binary part may come late
+            if not wide and (zero := block.find(b"\0")) >= 0:
+                raise FileFormatError(f"{path}: is no text table (byte {offset + zero} is 0); export it as CSV")
             if len(block) == _SAMPLE_BYTES and b"\n" not in block and b"\r" not in block:
                 raise FileFormatError(
-                    f"{path}: has a line of more than {_SAMPLE_BYTES >> 20} MiB (at byte {at}), too long for a table; "
-                    "export it as CSV"
+                    f"{path}: has a line of more than {_SAMPLE_BYTES >> 20} MiB (at byte {offset}), too long for a "
+                    "table; export it as CSV"
                 )
-            at += len(block)
+            offset += len(block)
             block = stream.read(_SAMPLE_BYTES)
     if wide:
         return "utf-16"
     try:
         codecs.getincrementaldecoder("utf-8")().decode(sample)
     except UnicodeDecodeError:
-        if sum(byte > 127 for byte in sample[:4096]) > 0.3 * min(len(sample), 4096):
+        first_bytes = sample[:_BINARY_SAMPLE_BYTES]
+        if sum(byte > 127 for byte in first_bytes) > _MAX_HIGH_SHARE * len(first_bytes):
             raise FileFormatError(f"{path}: is no text table; export it as CSV") from None
         return "cp1252"
     return "utf-8-sig"
@@ -143,19 +147,19 @@ def parsed(
     Raises:
         csv.Error: a cell never ends.
     """
-    number = 0
+    number = 0  # of the line that was read last: a quoted cell with line ends has several
 
-    def kept() -> Iterator[str]:
+    def data_lines() -> Iterator[str]:
         nonlocal number
         for number, line in lines:
             if number > above and holds_data(line, comments):
                 yield line
 
     if separator == " ":
-        for line in kept():
+        for line in data_lines():
             yield number, line.split()
     else:
-        for cells in csv.reader(kept(), delimiter=separator, skipinitialspace=True):
+        for cells in csv.reader(data_lines(), delimiter=separator, skipinitialspace=True):
             yield number, [cell.strip() for cell in cells]
 
 
@@ -186,28 +190,31 @@ def text_layout(path: Path, *, comments: bool, log: LogInfo | None, key: str) ->
         lines = lines[1:]
     candidates = (stated[1],) if stated else tuple(_SEPARATORS)
     first = lines[0][1] if lines else ""
-    default = next((sign for sign in candidates if sign in first.strip()), candidates[-2 if len(candidates) > 1 else 0])
+    default = next((sign for sign in candidates if sign in first.strip()), stated[1] if stated else ",")
     if first.count(default) >= _MAX_COLUMNS:
         raise TableError(
             f"{path}, line {lines[0][0]}: has {first.count(default) + 1} columns, at most {_MAX_COLUMNS} are read; "
             "export the columns that are needed"
         )
-    found = _layout(path, _alternatives(path, lines, candidates, default, comments), default, log, key)
-    return replace(found, comments=comments, encoding=encoding)
+    layout = _layout(path, _alternatives(path, lines, candidates, default, comments), default, log, key)
+    return replace(layout, comments=comments, encoding=encoding)
 
 
 def _alternatives(
     path: Path, lines: Sequence[tuple[int, str]], candidates: Sequence[str], default: str, comments: bool
 ) -> dict[str, Rows]:
-    """Returns separator -> rows. Raises TableError where the default separator gives no rows."""
-    found: dict[str, Rows] = {}
-    for sign in candidates:
+    """Returns separator -> rows of the numbered ``lines``, for each candidate that can split them.
+
+    Raises TableError where the default separator cannot.
+    """
+    alternatives: dict[str, Rows] = {}
+    for separator in candidates:
         try:
-            found[sign] = list(parsed(lines, sign, 0, comments))
+            alternatives[separator] = list(parsed(lines, separator, 0, comments))
         except csv.Error as error:
-            if sign == default:
+            if separator == default:
                 raise TableError(f"{path}: is no table that can be read ({error}); export it as CSV") from None
-    return found
+    return alternatives
 
 
 def cells_layout(path: Path, rows: Rows, log: LogInfo | None, key: str) -> Layout:
@@ -232,14 +239,25 @@ def cells_layout(path: Path, rows: Rows, log: LogInfo | None, key: str) -> Layou
 
 
 def _layout(path: Path, alternatives: Mapping[str, Rows], default: str, log: LogInfo | None, key: str) -> Layout:
-    """Returns the format with the first separator for which rows follow a header; ``default`` if there is none."""
+    """Returns the format of a table, by its rows.
+
+    The header is ``log.columns``, else the first row of names above rows of numbers. Without a log it is the first row.
+
+    Args:
+        path: the file, for messages.
+        alternatives: separator -> first rows of the file, split by it. The first that gives a header is used.
+        default: separator that is used where none gives a header.
+        log: see `text_layout`.
+        key: see `text_layout`.
+    """
     if log is not None and log.columns:
         separator, start = _rows_of_width(path, alternatives, log.columns, key)
         rows = alternatives[separator]
-        header, unit_row, above = tuple(log.columns), None, rows[:start]
+        header, unit_row, fact_rows = tuple(log.columns), None, rows[:start]
+        header_line = rows[start - 1][0] if start else 1
     else:
-        found = None if log is None else _header_row(alternatives)
-        separator, at = found or (default, 0)
+        header_place = None if log is None else _header_row(alternatives)
+        separator, at = header_place or (default, 0)
         rows = alternatives[separator]
         if not rows:
             raise TableError(f"{path}: holds no table; a log has a header row such as time_s,fx_n,fy_n")
@@ -251,13 +269,13 @@ def _layout(path: Path, alternatives: Mapping[str, Rows], default: str, log: Log
             )
         unit_row = rows[at + 1][1] if log is not None and _is_unit_row(rows, at) else None
         start = at + (1 if unit_row is None else 2)
-        above = rows[: at + 1]
-    facts = _facts([cells for _, cells in above[:-1]] if not (log and log.columns) else [cells for _, cells in above])
+        header_line, fact_rows = rows[at][0], rows[:at]
+    facts = _facts(cells for _, cells in fact_rows)
     header = tuple("" if _states(cell, facts) else cell for cell in header) if log is not None else header
     doubled = {name for name, count in Counter(header).items() if name and count > 1}
     if doubled:
         raise TableError(
-            f"{path}, line {above[-1][0] if above else 1}: the column {min(doubled)!r} appears twice; "
+            f"{path}, line {header_line}: the column {min(doubled)!r} appears twice; "
             + ("rename one" if log is None else _columns_remedy(log, key, len(header)))
         )
     units = {} if unit_row is None else {name: unit for name, unit in zip(header, unit_row, strict=False) if name}
@@ -275,7 +293,7 @@ def _columns_remedy(log: LogInfo | None, key: str, count: int) -> str:
 
 
 def _header_row(alternatives: Mapping[str, Rows]) -> tuple[str, int] | None:
-    """Returns separator and index of the first row of names that is followed by rows of numbers."""
+    """Returns separator and index of the header: the first row of two names or more above rows of numbers."""
     for at in range(max(len(rows) for rows in alternatives.values())):
         for separator, rows in alternatives.items():
             if at >= len(rows) or len([cell for cell in rows[at][1] if cell]) < 2:
@@ -288,17 +306,19 @@ def _header_row(alternatives: Mapping[str, Rows]) -> tuple[str, int] | None:
 
 
 def _rows_of_width(path: Path, alternatives: Mapping[str, Rows], columns: Sequence[str], key: str) -> tuple[str, int]:
-    """Returns separator and index of the first row of numbers with as many cells as ``columns``."""
-    widths: Counter[int] = Counter()
+    """Returns separator and index of the first row of numbers with as many cells as ``columns``.
+
+    Raises TableError where there is none; the message states the widest rows of numbers. See `_layout`.
+    """
+    widest = 0
     for separator, rows in alternatives.items():
         for at, (_, cells) in enumerate(rows):
             if len(cells) == len(columns) and _are_rows(rows, at, len(columns)):
                 return separator, at
             if _are_rows(rows, at, len(cells)):
-                widths[len(cells)] += 1
-    usual = max(widths, default=0)
+                widest = max(widest, len(cells))
     raise TableError(
-        f"{path}: {key}.columns in bench.toml names {len(columns)} columns, the rows have {usual} cells; name all of "
+        f"{path}: {key}.columns in bench.toml names {len(columns)} columns, the rows have {widest} cells; name all of "
         'them from left to right, "" for a column that is not read'
     )
 
@@ -310,6 +330,7 @@ def _are_rows(rows: Rows, start: int, width: int) -> bool:
 
 
 def _is_row(cells: Sequence[str], width: int) -> bool:
+    """Returns whether at least half of the filled cells are numbers or times, and none beyond ``width`` is."""
     filled = [cell for cell in cells[:width] if cell]
     values = sum(_is_value(cell) for cell in filled)
     return 0 < len(filled) <= 2 * values and not any(cell and _is_value(cell) for cell in cells[width:])
@@ -337,8 +358,8 @@ def _facts(rows: Iterable[Sequence[str]]) -> dict[str, str]:
         filled = [cell for cell in cells if cell]
         if not filled:
             continue
-        if found := _FACT.match(filled[0]):
-            facts.setdefault(found[1].lower(), found[2])
+        if match := _FACT.match(filled[0]):
+            facts.setdefault(match[1].lower(), match[2])
         elif len(filled) > 1:
             facts.setdefault(filled[0].rstrip(":= ").lower(), filled[1])
     return facts
@@ -355,35 +376,47 @@ def _states(cell: str, facts: dict[str, str]) -> bool:
 def _signs(
     path: Path, separator: str, header: Sequence[str], body: Rows, log: LogInfo | None, key: str
 ) -> tuple[bool, str, bool]:
-    """Returns whether the decimal sign is a comma, the sign between thousands, and whether each number is in two cells.
+    """Determines the signs in the numbers of a table.
 
-    Raises TableError where the rows do not show them and they are not stated.
+    Args:
+        path: the file, for messages.
+        separator: sign between cells.
+        header: names of the columns.
+        body: first rows below the header.
+        log: its ``decimal_sign`` is used where it states one.
+        key: section of ``log`` in ``bench.toml``, for messages.
+
+    Returns:
+        Whether the decimal sign is a comma; the sign between thousands, or ""; whether each number is in two cells.
+
+    Raises:
+        TableError: the rows do not show the signs, and ``log`` does not state them.
     """
     stated = None if log is None else log.decimal_sign
     remedy = f'state {key}.decimal_sign = "," or "." in bench.toml' if log is not None else "export with decimal points"
-    wide = [(number, cells) for number, cells in body[:1] if len(cells) > len(header) and any(cells[len(header) :])]
-    if separator == "," and wide:
+    first_line, first_cells = body[0] if body else (0, list[str]())
+    if separator == "," and any(first_cells[len(header) :]):  # "0,5,1,2" has four cells for two numbers
         pairs = all(len(cells) == 2 * len(header) for _, cells in body)
         if pairs and stated == ",":
             return True, "", True
         if pairs or log is None:
             raise TableError(
-                f"{path}, line {wide[0][0]}: has {len(wide[0][1])} cells for {len(header)} columns: commas seem to be "
+                f"{path}, line {first_line}: has {len(first_cells)} cells for {len(header)} columns: commas seem to be "
                 "both decimal sign and separator; "
                 + (remedy if pairs and log is not None else "export with semicolons or with decimal points")
             )
-    cells = [(number, cell) for number, row in body for cell in row if _GROUPED.match(cell) or NUMBER.match(cell)]
-    grouped = next(((number, cell) for number, cell in cells if _is_grouped(cell)), None)
-    if stated is not None:
-        other = "." if stated == "," else ","
-        return stated == ",", other if any(other in cell for _, cell in cells) else "", False
+    cells = [(line, cell) for line, row in body for cell in row if _GROUPED.match(cell) or NUMBER.match(cell)]
+    grouped = next(((line, cell) for line, cell in cells if _is_grouped(cell)), None)
+    if stated is not None:  # the other of the two signs, where it occurs, groups thousands
+        thousands = "." if stated == "," else ","
+        return stated == ",", thousands if any(thousands in cell for _, cell in cells) else "", False
     if grouped:
         raise TableError(f"{path}, line {grouped[0]}: {grouped[1]!r} has grouped thousands; {remedy}")
-    commas = [(number, cell) for number, cell in cells if "," in cell]
+    commas = [(line, cell) for line, cell in cells if "," in cell]
     points = any("." in cell for _, cell in cells)
     if commas and not points and separator == "," and all(re.match(r"^[+-]?[1-9]\d{0,2},\d{3}$", c) for _, c in commas):
-        number, cell = commas[0]
-        raise TableError(f"{path}, line {number}: {cell!r} may have a decimal comma or grouped thousands; {remedy}")
+        line, cell = commas[0]
+        raise TableError(f"{path}, line {line}: {cell!r} may have a decimal comma or grouped thousands; {remedy}")
     return bool(commas) and not points, "", False
 
 

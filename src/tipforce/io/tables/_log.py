@@ -19,6 +19,10 @@ from ._ticks import UnevenRows, at_rate, spread_within_ticks
 
 MAX_DISORDER_S = 0.1
 """Rows that are out of order by at most this time were swapped in transfer; if the clock was set back it is more."""
+MAX_DISORDER_ROWS = 20
+"""The same limit as a number of median steps between rows; the smaller of the two limits counts."""
+MAX_RATE_STDERRS, MAX_RATE_SHARE = 4, 1e-3
+"""A stated rate may differ from that of the clock by this number of standard errors, or by this share of itself."""
 
 MAX_PAUSE_S = 86_400
 """A longer pause between two rows means that the clock was set."""
@@ -95,6 +99,11 @@ class _Reader:
     remarks: list[str] = field(default_factory=list[str])
 
     def read(self) -> Log:
+        """Returns the log with the time of each row, by the best source that there is.
+
+        These are: a sequence number and the rate in the header; the rate in ``bench.toml``; the times in the table. A
+        log without times has the rate only.
+        """
         rate_hz, stated = self._rate_hz()
         names = self._names(rate_hz)
         if not any(True for _ in self.table.lines()):
@@ -107,14 +116,15 @@ class _Reader:
                 f"its rows have no times; they are taken as {rate_hz:g} rows per second, as {stated}, from 0 s on"
             )
             return Log(self.table, stamps, np.arange(count), f"row / {rate_hz:g} per second", (), tuple(self.remarks))
-        stamps, rows, said = self._row_times(names)
+        stamps, rows, time_source = self._row_times(names)
         if not len(rows):
             raise TableError(f"{self.table.path}: no row has a time in {names[0]}; state {self.key}.time in bench.toml")
         sequence = next((name for name in self.table.columns if _SEQUENCE.match(name)), None)
-        if rate_hz is not None and sequence and stated != f"{self.key}.rate_hz states":
+        if rate_hz is not None and sequence and self.info.rate_hz is None:
             stamps, rows = self._by_sequence(stamps, rows, sequence, rate_hz, stated)
-            said = f"{sequence} / {rate_hz:g} per second"
+            time_source = f"{sequence} / {rate_hz:g} per second"
         elif rate_hz is not None and self.info.rate_hz is not None:
+            # a sequence number, where there is one, counts the lost rows, too
             numbers = rows if sequence is None else _unwrapped(self.table.whole_numbers(sequence), rows)
             try:
                 stamps = at_rate(stamps, numbers, rate_hz)
@@ -129,22 +139,28 @@ class _Reader:
             stamps, rows = self._in_order(stamps, rows)
             stamps, rows = self._without_repeats(stamps, rows)
         self._check_pauses(stamps, rows)
-        return Log(self.table, stamps, rows, f"time = {said}", names, tuple(self.remarks))
+        return Log(self.table, stamps, rows, f"time = {time_source}", names, tuple(self.remarks))
 
     def _check_pauses(self, stamps: IntArray, rows: IntArray) -> None:
-        """Raises TimeError where the clock was set forward in the log: no session has a pause of a day."""
-        at = int(np.argmax(np.diff(stamps))) + 1 if len(stamps) > 1 else 0
-        if at and stamps[at] - stamps[at - 1] > MAX_PAUSE_S * 1_000_000_000:
-            line, end = (self.table.place(int(row)).split()[-1] for row in (rows[at], rows[-1]))
-            days = (stamps[at] - stamps[at - 1]) / 86_400e9
+        """Raises TimeError where the clock was set forward in the log: no session has a pause of a day.
+
+        ``stamps`` (n,) are in ns; ``rows`` (n,) are their rows in the table.
+        """
+        after = int(np.argmax(np.diff(stamps))) + 1 if len(stamps) > 1 else 0
+        if after and stamps[after] - stamps[after - 1] > MAX_PAUSE_S * 1_000_000_000:
+            line, end = (self.table.place(int(row)).split()[-1] for row in (rows[after], rows[-1]))
+            days = (stamps[after] - stamps[after - 1]) / 86_400e9
             raise TimeError(
-                f"{self.table.path}, {self.table.place(int(rows[at]))}: is stamped {days:.0f} days after the row above "
-                f"it; if the clock was set there, import the rows from it on: {self.key}.lines = [{line}, {end}] in "
-                "bench.toml"
+                f"{self.table.path}, {self.table.place(int(rows[after]))}: is stamped {days:.0f} days after the row "
+                f"above it; if the clock was set there, import the rows from it on: {self.key}.lines = [{line}, {end}] "
+                "in bench.toml"
             )
 
     def _rate_hz(self) -> tuple[float | None, str]:
-        """Returns rows per second as ``bench.toml`` or the lines above the table state them, and the source."""
+        """Returns the rows per second that ``bench.toml``, else the lines above the table state, and the source.
+
+        An averaging level of 10 means that one row is the mean of ten samples, so the sample rate is divided by it.
+        """
         if self.info.rate_hz is not None:
             return self.info.rate_hz, f"{self.key}.rate_hz states"
         for name in (*_RATES, *_INTERVALS):
@@ -152,9 +168,9 @@ class _Reader:
             rate_hz = _rate_of(text, interval=name in _INTERVALS)
             if rate_hz:
                 averaged = self.table.facts.get("averaging level", "")
-                each = int(averaged) if averaged.isdigit() and int(averaged) else 1
-                said = f"{name} {text}" + (f", averaging level {averaged}" if averaged else "")
-                return rate_hz / each, f"its header states ({said})"
+                samples_per_row = int(averaged) if averaged.isdigit() and int(averaged) else 1
+                quoted = f"{name} {text}" + (f", averaging level {averaged}" if averaged else "")
+                return rate_hz / samples_per_row, f"its header states ({quoted})"
         return None, ""
 
     def _names(self, rate_hz: float | None) -> tuple[str, ...]:
@@ -227,16 +243,19 @@ class _Reader:
         return _RowTimes(stamps, rows, source)
 
     def _text_times(self, name: str) -> _RowTimes:
-        """Reads times of day and dates that are texts in the column ``name``; see `_row_times`."""
+        """Reads times of day and dates that are texts in the column ``name``; see `_row_times`.
+
+        Times of day are joined with the dates of a second column: the stated one, or one with the name of a date.
+        """
         table, info = self.table, self.info
         date_name = info.date or next((each for each in table.columns if each.lower() in _DATE_NAMES), None)
         if info.date is not None:
-            table.column(info.date)
+            table.column(info.date)  # raises where there is no such column
         missing = MISSING | {text.lower() for text in info.missing}
-        every = table.cells(name)
-        rows = np.array([row for row, cell in enumerate(every) if cell.lower() not in missing], np.int64)
-        self._remark_rows_without_time(len(every) - len(rows))
-        cells = [every[row] for row in rows.tolist()]
+        all_cells = table.cells(name)
+        rows = np.array([row for row, cell in enumerate(all_cells) if cell.lower() not in missing], np.int64)
+        self._remark_rows_without_time(len(all_cells) - len(rows))
+        cells = [all_cells[row] for row in rows.tolist()]
         dates = None
         if date_name is not None and date_name != name and cells and is_time_of_day(cells[0]):
             column = table.cells(date_name)
@@ -281,20 +300,25 @@ class _Reader:
             self.remarks.append(f"{count} rows without a time are left out")
 
     def _in_order(self, stamps: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
-        """Sorts rows that were swapped in transfer, or all if stated. Raises TimeError for other rows out of order."""
+        """Returns stamps (n,) in ns and their rows (n,) of the table, sorted by stamp.
+
+        Rows that were swapped in transfer are sorted; where ``LogInfo.sort`` is true, all rows. Raises TimeError for a
+        row that is too late for a swap: the clock was set back.
+        """
         steps = np.diff(stamps)
         if not np.any(steps < 0):
             return stamps, rows
         late_ns = np.maximum.accumulate(stamps) - stamps
-        at = int(np.flatnonzero(steps < 0)[0]) + 1
+        first_late = int(np.flatnonzero(steps < 0)[0]) + 1
         back_s = float(late_ns.max()) * 1e-9
-        if not self.info.sort and back_s > min(MAX_DISORDER_S, 20e-9 * float(np.median(np.abs(steps)))):
-            line, before = self.table.place(int(rows[at])), self.table.place(int(rows[at - 1]))
+        median_step_s = float(np.median(np.abs(steps))) * 1e-9
+        if not self.info.sort and back_s > min(MAX_DISORDER_S, MAX_DISORDER_ROWS * median_step_s):
+            line, before = self.table.place(int(rows[first_late])), self.table.place(int(rows[first_late - 1]))
+            step_s = float(stamps[first_late - 1] - stamps[first_late]) * 1e-9
             raise TimeError(
-                f"{self.table.path}, {line}: is stamped before the row above it, by "
-                f"{(stamps[at - 1] - stamps[at]) * 1e-9:.6g} s; if the clock was set back there, import the rows "
-                f"before it: {self.key}.lines = [1, {before.split()[-1]}] in bench.toml; if the rows are only out of "
-                f"order: {self.key}.sort = true"
+                f"{self.table.path}, {line}: is stamped before the row above it, by {step_s:.6g} s; if the clock was "
+                f"set back there, import the rows before it: {self.key}.lines = [1, {before.split()[-1]}] in bench.toml"
+                f"; if the rows are only out of order: {self.key}.sort = true"
             )
         order = np.argsort(stamps, kind="stable")
         self.remarks.append(
@@ -303,13 +327,19 @@ class _Reader:
         return stamps[order], rows[order]
 
     def _without_repeats(self, stamps: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
-        """Spreads the rows of a coarse clock within its ticks; keeps the first row where only few repeat a stamp."""
+        """Makes the stamps strictly rising where several rows have one stamp.
+
+        A clock that is coarser than the rows gives most stamps to several rows: these are spread within its ticks.
+        Where only few rows repeat a stamp, or ``LogInfo.repeated_stamps`` demands it, the first row of each is kept.
+        Takes and returns stamps (n,) in ns and their rows (n,). Raises TimeError for rows without a constant rate.
+        """
         repeats = np.flatnonzero(np.diff(stamps) == 0) + 1
         if not len(repeats):
             return stamps, rows
         different = len(stamps) - len(repeats)
-        counts = np.diff(np.flatnonzero(np.diff(stamps, prepend=stamps[0] - 1, append=stamps[-1] + 1)))
-        if self.info.repeated_stamps == "first" or (different > 2 and float(np.median(counts)) < 2):
+        rows_per_stamp = np.diff(np.flatnonzero(np.diff(stamps, prepend=stamps[0] - 1, append=stamps[-1] + 1)))
+        few_repeat = different > 2 and float(np.median(rows_per_stamp)) < 2
+        if self.info.repeated_stamps == "first" or few_repeat:
             keep = np.diff(stamps, prepend=stamps[0] - 1) > 0
             self.remarks.append(
                 f"{len(repeats)} rows repeat the stamp of the row above them and are left out (of each stamp the first "
@@ -317,27 +347,35 @@ class _Reader:
             )
             return stamps[keep], rows[keep]
         try:
-            found = spread_within_ticks(stamps)
+            spread = spread_within_ticks(stamps)
         except UnevenRows:
-            at = int(repeats[0])
+            first_repeat = int(repeats[0])
             raise TimeError(
-                f"{self.table.path}, {self.table.place(int(rows[at]))}: repeats the stamp of the row before "
-                f"({stamps[at] * 1e-9:.6f} s); {len(stamps)} rows have {different} different stamps, with "
-                f"{counts.min()} to {counts.max()} rows each, which are no rows at a constant rate; if the sensor "
-                f"sends at a constant rate, state {self.key}.rate_hz in bench.toml; else keep one row of each stamp: "
-                f'{self.key}.repeated_stamps = "first"'
+                f"{self.table.path}, {self.table.place(int(rows[first_repeat]))}: repeats the stamp of the row before "
+                f"({stamps[first_repeat] * 1e-9:.6f} s); {len(stamps)} rows have {different} different stamps, with "
+                f"{rows_per_stamp.min()} to {rows_per_stamp.max()} rows each, which are no rows at a constant rate; if "
+                f"the sensor sends at a constant rate, state {self.key}.rate_hz in bench.toml; else keep one row of "
+                f'each stamp: {self.key}.repeated_stamps = "first"'
             ) from None
-        gaps = f", {found.gaps} pause{'s' * (found.gaps > 1)}" if found.gaps else ""
+        gaps = f", {spread.gaps} pause{'s' * (spread.gaps > 1)}" if spread.gaps else ""
         self.remarks.append(
-            f"its clock has steps of {found.tick_ns * 1e-9:g} s with {len(stamps) / different:.1f} rows in each{gaps}; "
-            f"the rows are taken as {found.rate_hz:.6g} +- {found.rate_stderr_hz:.2g} per second"
+            f"its clock has steps of {spread.tick_ns * 1e-9:g} s with {len(stamps) / different:.1f} rows in each{gaps}"
+            f"; the rows are taken as {spread.rate_hz:.6g} +- {spread.rate_stderr_hz:.2g} per second"
         )
-        return found.stamp_ns, rows
+        return spread.stamp_ns, rows
 
     def _by_sequence(
         self, stamps: IntArray, rows: IntArray, sequence: str, rate_hz: float, stated: str
     ) -> tuple[IntArray, IntArray]:
-        """Returns times by sequence number and rate of the rows, after comparison with the log's coarse clock."""
+        """Returns times in ns by sequence number and rate, which are finer than the log's clock, and their rows.
+
+        Args:
+            stamps: (n,) stamps in ns of the log's clock, which must show the same rate; else TimeError.
+            rows: (n,) row of the table of each.
+            sequence: the column of sequence numbers; repeated numbers are left out.
+            rate_hz: rows per second.
+            stated: source of the rate, for messages.
+        """
         numbers = _unwrapped(self.table.whole_numbers(sequence), rows)
         if np.any(np.diff(numbers) <= 0):
             order = np.argsort(numbers, kind="stable")
@@ -350,20 +388,20 @@ class _Reader:
             slope = np.polyfit(numbers - numbers[0], (stamps - stamps[0]) * 1e-9, 1)[0]
             tick_s = float(np.median(np.diff(ticks))) * 1e-9
             span_s = (ticks[-1] - ticks[0]) * 1e-9
-            found_hz = 1 / slope if slope > 0 else 0.0
-            stderr_hz = found_hz * tick_s / (span_s * np.sqrt(len(ticks)))
-            if abs(found_hz - rate_hz) > max(4 * stderr_hz, 1e-3 * rate_hz):
+            clock_hz = 1 / slope if slope > 0 else 0.0
+            stderr_hz = clock_hz * tick_s / (span_s * np.sqrt(len(ticks)))  # one rounding error for each tick
+            if abs(clock_hz - rate_hz) > max(MAX_RATE_STDERRS * stderr_hz, MAX_RATE_SHARE * rate_hz):
                 raise TimeError(
                     f"{self.table.path}: {stated}, so {rate_hz:g} rows per second, but by the column of its clock they "
-                    f"are {found_hz:.5g} +- {stderr_hz:.2g}; state the rate in bench.toml: {self.key}.rate_hz"
+                    f"are {clock_hz:.5g} +- {stderr_hz:.2g}; state the rate in bench.toml: {self.key}.rate_hz"
                 )
         lost = int(numbers[-1] - numbers[0] + 1 - len(numbers))
         self.remarks.append(
             f"times are {sequence} / {rate_hz:g} per second, as {stated}"
             + (f"; {lost} rows were lost on the way" if lost else "")
         )
-        found = np.rint((numbers - numbers[0]) * (1e9 / rate_hz)).astype(np.int64) + stamps[0]
-        return found, rows
+        times = np.rint((numbers - numbers[0]) * (1e9 / rate_hz)).astype(np.int64) + stamps[0]
+        return times, rows
 
 
 def _rate_of(text: str, *, interval: bool) -> float | None:
@@ -372,11 +410,11 @@ def _rate_of(text: str, *, interval: bool) -> float | None:
     >>> [_rate_of("2.5 kHz", interval=False), _rate_of("1 ms", interval=True), _rate_of("1,000", interval=False)]
     [2500.0, 1000.0, None]
     """
-    found = re.fullmatch(r"(\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)\s*(\D*)", text.strip())
-    if found is None or re.fullmatch(r"[1-9]\d{0,2}[.,]\d{3}", found[1]):
+    match = re.fullmatch(r"(\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)\s*(\D*)", text.strip())
+    if match is None or re.fullmatch(r"[1-9]\d{0,2}[.,]\d{3}", match[1]):
         return None
-    factor = (_INTERVAL_UNITS if interval else _RATE_UNITS).get(found[2].strip().lower())
-    value = float(found[1].replace(",", ".")) * (factor or 0.0)
+    factor = (_INTERVAL_UNITS if interval else _RATE_UNITS).get(match[2].strip().lower())
+    value = float(match[1].replace(",", ".")) * (factor or 0.0)
     if not value:
         return None
     return 1.0 / value if interval else value

@@ -50,13 +50,12 @@ def open_variables(path: Path, log: LogInfo, key: str) -> ColumnTable:
         TableError: it has no columns, or ``log.columns`` does not fit.
         MissingExtraError: the file is of version 7.3 and h5py is not installed.
     """
-    found = _read_in_child(path)
     columns: dict[str, Any] = {}
-    for name, array in found.items():
+    for name, array in _read_in_child(path).items():
         if array.ndim == 1:
             columns[name] = array
         else:
-            columns |= {f"{name}_{place + 1}": array[:, place] for place in range(array.shape[1])}
+            columns |= {f"{name}_{index + 1}": array[:, index] for index in range(array.shape[1])}
     longest = max((len(array) for array in columns.values()), default=0)
     columns = {name: array for name, array in columns.items() if len(array) == longest}
     if longest < 2:
@@ -84,20 +83,21 @@ def _read_in_child(path: Path) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="tipforce-") as folder:
         target = Path(folder) / "variables.npz"
         try:
-            ended = run_child(
+            child = run_child(
                 [sys.executable, "-m", __name__, str(path), str(target)], capture=True, timeout_s=_MAX_READING_S
             )
         except subprocess.TimeoutExpired:
             raise FileFormatError(f"{path}: is not read within {_MAX_READING_S:g} s; export it as CSV") from None
-        if ended.returncode == _REFUSED:
-            raise FileFormatError(ended.stderr.strip().rpartition("\n")[2])
-        if ended.returncode:
+        if child.returncode == _REFUSED:
+            raise FileFormatError(child.stderr.strip().rpartition("\n")[2])
+        if child.returncode:
             raise FileFormatError(f"{path}: is damaged: the reader of MATLAB files crashes on it; export it as CSV")
         with np.load(target) as stored:
-            return {name: stored[f"arr_{place}"] for place, name in enumerate(stored["names"].tolist())}
+            return {name: stored[f"arr_{index}"] for index, name in enumerate(stored["names"].tolist())}
 
 
 def _variables(path: Path) -> dict[str, Any]:
+    """Returns name -> value: an array, a text, or a struct (an object of scipy, or a dictionary for version 7.3)."""
     if _is_hdf5(path):
         return _hdf5_variables(path)
     try:
@@ -108,6 +108,10 @@ def _variables(path: Path) -> dict[str, Any]:
 
 
 def _hdf5_variables(path: Path) -> dict[str, Any]:
+    """Returns name -> value of a file of version 7.3: a struct is a dictionary, and an unknown kind of value is None.
+
+    A group of HDF5 is a struct. Arrays are transposed because MATLAB stores them column by column.
+    """
     h5py: Any = importlib.import_module("h5py")
 
     def value(node: Any) -> Any:
@@ -120,17 +124,22 @@ def _hdf5_variables(path: Path) -> dict[str, Any]:
 
     try:
         with h5py.File(path, "r") as file:
-            opaque = "#subsystem#" in file
-            found = {} if opaque else {name: value(node) for name, node in file.items() if not name.startswith("#")}
+            opaque = "#subsystem#" in file  # the part in which MATLAB keeps objects of its classes
+            variables = {} if opaque else {name: value(node) for name, node in file.items() if not name.startswith("#")}
     except Exception as error:  # a damaged file raises errors of many kinds
         raise FileFormatError(f"{path}: is no file of MATLAB that can be read ({error}); export it as CSV") from None
     if opaque:
         raise FileFormatError(f"{path}: holds an object of a class of MATLAB; {_TABLE_REMEDY}")
-    return found
+    return variables
 
 
 def _flat(variables: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yields name and vector (n,) or matrix (n, m) of numbers, or vector of texts, of all variables and fields."""
+    """Yields name and vector (n,) or matrix (n, m), of numbers or texts, of all variables and fields of structs.
+
+    Args:
+        variables: name -> value.
+        before: names of the structs that hold these variables, each with a point after it.
+    """
     structs = [name for name, value in variables.items() if _fields(value) is not None]
     for name, value in variables.items():
         fields = _fields(value)
@@ -156,13 +165,13 @@ def _fields(value: Any) -> dict[str, Any] | None:
 def main() -> None:
     """Reads the file that the first argument names and stores its arrays in the second (.npz)."""
     try:
-        found = dict(_flat(_variables(Path(sys.argv[1]))))
+        variables = dict(_flat(_variables(Path(sys.argv[1]))))
     except FileFormatError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(_REFUSED)
-    arrays = [array.astype(np.str_) if array.dtype == object else array for array in found.values()]
+    arrays = [array.astype(np.str_) if array.dtype == object else array for array in variables.values()]
     with Path(sys.argv[2]).open("wb") as file:
-        np.savez(file, *arrays, names=np.array(list(found), np.str_))
+        np.savez(file, *arrays, names=np.array(list(variables), np.str_))
 
 
 if __name__ == "__main__":

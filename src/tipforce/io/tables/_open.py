@@ -17,9 +17,6 @@ def open_table(path: Path, *, comments: bool = True, log: LogInfo | None = None,
         log: the description of a log, which may have lines above the header; None for a table that begins with it.
         key: section of ``log`` in ``bench.toml``, for messages.
 
-    Returns:
-        The table with the columns of its header.
-
     Raises:
         FileFormatError: the file is no text.
         TableError: the header or the decimal sign cannot be determined.

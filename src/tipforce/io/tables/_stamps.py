@@ -27,16 +27,8 @@ STILL_STEP_NS = 1_000_000_000
 _NAMES = "t|time|times|stamp|timestamp|datetime|date[ _/]?time|zeit|zeitstempel|uhrzeit|elapsed|elapsed[ _]time|x_value"
 _TIME = re.compile(rf"^(?:{_NAMES})(?:[ _]*[\[(]?(s|sec|seconds|ms|us|µs|ns)[\])]?)?(?: ?[\[(]hh?:mm.*)?$")
 _UNIT_AT_END = re.compile(r"[ _\[(](s|sec|seconds|ms|us|µs|ns)[\])]?$")
-_UNITS: dict[str, TimeUnit] = {
-    "s": "s",
-    "sec": "s",
-    "seconds": "s",
-    "ms": "ms",
-    "us": "us",
-    "µs": "us",
-    "μs": "us",
-    "ns": "ns",
-}
+_MICROSECONDS: dict[str, TimeUnit] = {"us": "us", "µs": "us", "μs": "us"}  # the micro sign and the Greek letter
+_UNITS: dict[str, TimeUnit] = {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "ns": "ns", **_MICROSECONDS}
 _YEAR_2001_S, _YEAR_2038_S = 1e9, 2**31
 PLAUSIBLE_RATE_HZ = (0.01, 1e5)
 """Plausible rows per second of a log."""
@@ -57,18 +49,15 @@ def named_unit(name: str) -> TimeUnit | None:
     >>> named_unit("Time [ms]"), named_unit("time_s"), named_unit("time")
     ('ms', 's', None)
     """
-    found = _UNIT_AT_END.search(name.lower())
-    return _UNITS.get(found[1] if found else name.lower().strip("[]() "))
+    match = _UNIT_AT_END.search(name.lower())
+    return _UNITS.get(match[1] if match else name.lower().strip("[]() "))
 
 
 def unit_since_1970(values: FloatArray) -> TimeUnit | None:
-    """Returns the unit of times since 1970 without a unit; None where they are no such times.
+    """Returns the unit of times (n,) since 1970 without a unit; None where they are no such times.
 
     They must be after 2001, and their steps those of a log: 1.7e12 in steps of 1 are milliseconds; in steps of a
     million they are nanoseconds since the start of a computer.
-
-    Args:
-        values: (n,) times.
     """
     steps = np.abs(np.diff(values))
     steps = steps[steps > 0]
@@ -130,7 +119,7 @@ def numbers_ns(
         TimeError: no recording can hold them: they are past the year 2038.
     """
     factor = TIME_UNITS[unit]
-    if values.dtype != np.int64:
+    if values.dtype != np.int64:  # a fraction of a unit counts: round after the conversion
         values, factor = np.rint(values * factor), 1
     most_s = float(np.abs(values).max()) * factor * 1e-9 if len(values) else 0.0
     if most_s >= MAX_STAMP_S:
@@ -183,7 +172,8 @@ def dates_ns(
             remedy += f", or check the stated order {order}"
         raise TableError(f"{where}: expected a date as in the rows above, got {text[:40]!r}; {remedy}") from None
     except AmbiguousDates as error:
-        said = f"may be {' or '.join(error.orders)}" if error.orders else "and others are in no one order"
+        fault = f"may be {' or '.join(error.orders)}" if error.orders else "and others are in no one order"
         raise TableError(
-            f"{table.path}, column {column}: the date {error.example!r} {said} (d day, m month, y year); {order_remedy}"
+            f"{table.path}, column {column}: the date {error.example!r} {fault} (d day, m month, y year); "
+            f"{order_remedy}"
         ) from None

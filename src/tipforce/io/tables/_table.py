@@ -137,6 +137,7 @@ class Table:
     def matrix(self, names: Sequence[str]) -> FloatArray:
         """Returns (n, len(names)) finite numbers. Raises TableError with line and column of a cell that holds none."""
         columns = [self.column(name) for name in names]
+        # the rows are cached where they were read before
         values = None if "_rows" in vars(self) else self._fast(columns, np.float64)
         if values is None or not np.isfinite(values).all():
             values = np.array([[self._number(row, line, column) for column in columns] for line, row in self._rows])
@@ -174,21 +175,22 @@ class Table:
                     return values
             except ValueError:
                 pass
-        found = np.empty(len(cells))
+        readings = np.empty(len(cells))
         for row, cell in enumerate(cells):
             value = self._value(cell)
             if value is None and cell.lower() not in self._missing:
                 raise TableError(f"{self.path}, {self.place(row)}, column {name}: {self._no_number(cell)}")
-            found[row] = math.nan if value is None or cell.lower() in self._missing else value
-        return found
+            readings[row] = math.nan if value is None or cell.lower() in self._missing else value
+        return readings
 
     def _no_number(self, cell: str) -> str:
+        """Returns the message for the text of a cell that is no number: fault and remedy."""
         if "," in cell and re.match(r"^[+-]?\d*,\d+$", cell):
-            said = f"{cell!r} has a decimal comma where the rows above have a point"
+            fault = f"{cell!r} has a decimal comma where the rows above have a point"
         else:
-            said = f"expected a number, got {cell[:40]!r}"
+            fault = f"expected a number, got {cell[:40]!r}"
         return (
-            f'{said}; if it means that there is no reading, state {self._key}.missing = ["{cell[:40]}"] in bench.toml'
+            f'{fault}; if it means that there is no reading, state {self._key}.missing = ["{cell[:40]}"] in bench.toml'
         )
 
     def _value(self, text: str) -> float | None:
@@ -243,24 +245,24 @@ class Table:
             if cell not in codes:
                 code = _code(cell, hexadecimal=hexadecimal)
                 if code is None:
-                    others = ", ".join('""' if each == name else f'"{each}"' for each in self.header)
+                    without_codes = ", ".join('""' if column == name else f'"{column}"' for column in self.header)
                     raise TableError(
                         f"{self.path}, {self.place(row)}, column {name}: expected a status code, got {cell[:40]!r}; "
                         f"state the column of the codes in bench.toml: {self._key}.status; or read none: "
-                        f"{self._key}.columns = [{others}]"
+                        f"{self._key}.columns = [{without_codes}]"
                     )
                 codes[cell] = code
         return np.array([codes[cell] for cell in cells], np.int64)
 
     def time_columns(self) -> tuple[str, ...]:
         """Returns the columns of the times; none if no column has the name of a time. Raises TableError for several."""
-        found = time_columns(self.columns)
-        if len(found) > 1 and found != ("sec", "nanosec"):
+        names = time_columns(self.columns)
+        if len(names) > 1 and names != ("sec", "nanosec"):
             raise TableError(
-                f"{self.path}: has several columns that may be the time ({listed(found)}); call one stamp_ns, and "
+                f"{self.path}: has several columns that may be the time ({listed(names)}); call one stamp_ns, and "
                 "begin the others' names with note_"
             )
-        return found
+        return names
 
     def stamps_ns(self) -> IntArray | None:
         """Returns the (n,) stamps; None if the table has none. Raises TableError for a cell that is no time."""
@@ -279,23 +281,26 @@ class Table:
         return next((row[index] for _, row in self.lines() if index < len(row) and row[index]), "")
 
     def _fast(self, columns: list[int], kind: type[np.float64] | type[np.int64]) -> "np.ndarray | None":  # type: ignore[type-arg]
-        """Reads with NumPy, twenty times faster; returns None where it fails, and the slow way then finds the cell."""
+        """Returns the numbers (n, len(columns)) of columns, read by NumPy, twenty times faster than cell by cell.
+
+        None where NumPy fails: reading cell by cell then finds the cell at fault.
+        """
         layout = self._layout
         if layout.thousands or layout.pairs or (layout.decimal_comma and layout.separator == ","):
             return None
         first_line, last_line = max(layout.above, self._lines[0] - 1), self._lines[1]
         with open_text(self.path, layout.encoding) as stream:
-            kept = islice(stream, first_line, None if last_line == math.inf else int(last_line))
-            lines = (line.replace(",", ".") for line in kept) if layout.decimal_comma else kept
-            if self._key and layout.separator != " " and not self._narrow:
+            stated_lines = islice(stream, first_line, None if last_line == math.inf else int(last_line))
+            lines = (line.replace(",", ".") for line in stated_lines) if layout.decimal_comma else stated_lines
+            if self._key and layout.separator != " " and not self._narrow:  # a log; NumPy ignores further cells
                 lines = _no_wider(lines, layout.separator, len(self.header))
             delimiter = None if layout.separator == " " else layout.separator
             comments = "#" if layout.comments else None
             try:
                 first = next((line for line in lines if holds_data(line, layout.comments)), None)
-                if first is None:
+                if first is None:  # NumPy warns of an empty file
                     return np.empty((0, len(columns)), kind)
-                found = np.loadtxt(
+                values = np.loadtxt(
                     chain([first], lines),
                     dtype=kind,
                     delimiter=delimiter,
@@ -305,7 +310,7 @@ class Table:
                     comments=comments,
                 )
                 self._narrow = True
-                return found
+                return values
             except (ValueError, OverflowError):
                 return None
 
@@ -318,21 +323,26 @@ class Table:
         return row[column]
 
     def _number(self, row: list[str], line: int, column: int) -> float:
+        """Returns the number in cell ``column`` of a row. Raises TableError; ``line`` is its position in the file."""
         text = self._cell(row, line, column)
         value = self._value(text)
         if value is None:
             if "," in text and re.match(r"^[+-]?\d*,\d+$", text):
-                said = f"{text!r} has a decimal comma where the rows above have a point; write one of the two"
+                fault = f"{text!r} has a decimal comma where the rows above have a point; write one of the two"
             elif text:
-                said = f"expected a number, got {text[:40]!r}; correct the row or remove it"
+                fault = f"expected a number, got {text[:40]!r}; correct the row or remove it"
             else:
-                said = "is empty; correct the row or remove it"
-            raise TableError(f"{self.path}, {self.unit_of_place} {line}, column {self.header[column]}: {said}")
+                fault = "is empty; correct the row or remove it"
+            raise TableError(f"{self.path}, {self.unit_of_place} {line}, column {self.header[column]}: {fault}")
         return value
 
 
 def _no_wider(lines: Iterable[str], separator: str, width: int) -> Iterator[str]:
-    """Yields the lines. Raises ValueError at one that seems to have more than ``width`` cells."""
+    """Yields the lines. Raises ValueError at one that seems to have more than ``width`` cells.
+
+    Counting separators is fast. Only a line with quotes, in which a separator may be text, is split in full. One
+    separator at the end of a line is allowed.
+    """
     for line in lines:
         count = line.count(separator)
         if count >= width and '"' in line:
@@ -343,12 +353,16 @@ def _no_wider(lines: Iterable[str], separator: str, width: int) -> Iterator[str]
 
 
 def _code(text: str, *, hexadecimal: bool) -> int | None:
-    """Returns the status code in a cell; None for another text."""
+    """Returns the status code in a cell, as "0x8000", "128" or "128.0"; None for another text.
+
+    ``hexadecimal``: whether digits without 0x are hexadecimal.
+    """
     try:
         if text[:2].lower() == "0x" or (hexadecimal and "." not in text):
             code = int(text, 16)
         else:
-            code = int(text) if text.lstrip("+-").isdigit() else int(float(text)) if float(text).is_integer() else -1
+            number = int(text) if text.lstrip("+-").isdigit() else float(text)
+            code = int(number) if float(number).is_integer() else -1
     except (ValueError, OverflowError):
         return None
     return code if 0 <= code < 1 << 63 else None

@@ -56,24 +56,25 @@ def spread_within_ticks(stamp_ns: IntArray) -> Spread:
     if len(ticks) < MIN_TICKS:
         raise UnevenRows
     tick_ns = int(np.median(np.diff(ticks)))
+    # a segment is a run of rows without a pause: each has a line of its own
     starts = np.flatnonzero(np.diff(stamp_ns, prepend=stamp_ns[0]) > 1.5 * tick_ns)
     segments = np.searchsorted(starts, np.arange(len(stamp_ns)), side="right")
     rows = np.arange(len(stamp_ns), dtype=np.float64)
     middles = (stamp_ns - stamp_ns[0]).astype(np.float64) + 0.5 * tick_ns
     centred_rows, centred_middles = (values - _means(values, segments) for values in (rows, middles))
-    spread = float(centred_rows @ centred_rows)
-    if not spread:
+    row_variation = float(centred_rows @ centred_rows)
+    if not row_variation:
         raise UnevenRows
-    step_ns = float(centred_rows @ centred_middles) / spread
+    step_ns = float(centred_rows @ centred_middles) / row_variation  # slope: ns per row
     times = _means(middles, segments) + step_ns * centred_rows
     if np.abs(middles - times).max() > MAX_RESIDUAL_TICKS * tick_ns or step_ns <= 0:
         raise UnevenRows
-    found = np.rint(times).astype(np.int64) + stamp_ns[0]
-    if np.any(np.diff(found) <= 0):
+    spread_ns = np.rint(times).astype(np.int64) + stamp_ns[0]
+    if np.any(np.diff(spread_ns) <= 0):
         raise UnevenRows
     rate_hz = 1e9 / step_ns
-    relative = tick_ns / (step_ns * len(stamp_ns) * np.sqrt(len(ticks)))
-    return Spread(found, rate_hz, rate_hz * float(relative), tick_ns, len(starts))
+    relative_stderr = tick_ns / (step_ns * len(stamp_ns) * np.sqrt(len(ticks)))
+    return Spread(spread_ns, rate_hz, rate_hz * float(relative_stderr), tick_ns, len(starts))
 
 
 def at_rate(stamp_ns: IntArray, rows: IntArray, rate_hz: float) -> IntArray:
@@ -93,11 +94,12 @@ def at_rate(stamp_ns: IntArray, rows: IntArray, rate_hz: float) -> IntArray:
     ticks = np.unique(stamp_ns)
     tick_ns = float(np.median(np.diff(ticks))) if len(ticks) > 1 else 0.0
     times = rows * (1e9 / rate_hz)
+    # where several rows share a stamp, the stamp is the start of their tick; its middle is half a tick later
     middles = (stamp_ns - stamp_ns[0]) + (0.5 * tick_ns if len(ticks) < len(stamp_ns) else 0.0)
-    moved = times + float(np.mean(middles - times))
-    if len(ticks) > 1 and np.abs(middles - moved).max() > max(2 * tick_ns, MAX_RESIDUAL_S * 1e9):
+    shifted = times + float(np.mean(middles - times))
+    if len(ticks) > 1 and np.abs(middles - shifted).max() > max(2 * tick_ns, MAX_RESIDUAL_S * 1e9):
         raise UnevenRows
-    return np.rint(moved).astype(np.int64) + stamp_ns[0]
+    return np.rint(shifted).astype(np.int64) + stamp_ns[0]
 
 
 def _means(values: "np.ndarray", segments: IntArray) -> "np.ndarray":  # type: ignore[type-arg]

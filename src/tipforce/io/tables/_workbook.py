@@ -20,9 +20,6 @@ def open_workbook(path: Path, log: LogInfo, key: str) -> CellTable:
         log: description of the log; ``sheet`` names the sheet, by default the only one with cells.
         key: section of ``log`` in ``bench.toml``, for messages.
 
-    Returns:
-        The table of that sheet.
-
     Raises:
         FileFormatError: the file is no workbook.
         TableError: several sheets have cells, or the table has no header.
@@ -33,13 +30,13 @@ def open_workbook(path: Path, log: LogInfo, key: str) -> CellTable:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         try:
             names: list[str] = [sheet.title for sheet in book.worksheets]
-            wanted = names if log.sheet is None else [name for name in names if name == log.sheet]
-            filled = {name: rows for name in wanted if (rows := list(_rows(book[name])))}
+            chosen = names if log.sheet is None else [name for name in names if name == log.sheet]
+            filled = {name: rows for name in chosen if (rows := list(_rows(book[name])))}
         finally:
             book.close()
     except Exception as error:  # a damaged workbook raises errors of many kinds in the library and below it
         raise FileFormatError(f"{path}: is no workbook that can be read ({error}); export it as CSV") from None
-    if log.sheet is not None and not wanted:
+    if log.sheet is not None and not chosen:
         raise TableError(f"{path}: has no sheet {log.sheet!r}, as {key}.sheet states; it has {listed(names)}")
     if not filled:
         raise FileFormatError(f"{path}: is empty, not a table")

@@ -46,32 +46,34 @@ class FieldEvidence:
     """
 
     def __init__(self) -> None:
-        self._before: FloatArray | None = None
-        self._combed = np.zeros(3)
+        self._previous: FloatArray | None = None
+        self._combed = np.zeros(3)  # summed combs of one frame, and of the two pairings of two frames: see `add`
         self._pixels = self._pairs = 0
 
     def add(self, grey: Image) -> None:
         """Adds the next frame, (h, w) uint8, as stored."""
-        rows = grey[: grey.shape[0] // 2 * 2, ::4].astype(np.float64)
-        before, self._before = self._before, rows
-        if before is None or before.shape != rows.shape:
+        sample = grey[: grey.shape[0] // 2 * 2, ::4].astype(np.float64)  # whole pairs of rows, every fourth column
+        previous, self._previous = self._previous, sample
+        if previous is None or previous.shape != sample.shape:
             return
-        then, now = (before[::2], before[1::2]), (rows[::2], rows[1::2])
-        moved = (np.abs(now[0] - then[0]) > MIN_MOVED_GREY) | (np.abs(now[1] - then[1]) > MIN_MOVED_GREY)
-        count = int(np.count_nonzero(moved[1:-1]))
+        even, odd = sample[::2], sample[1::2]
+        previous_even, previous_odd = previous[::2], previous[1::2]
+        moved = (np.abs(even - previous_even) > MIN_MOVED_GREY) | (np.abs(odd - previous_odd) > MIN_MOVED_GREY)
+        moved = moved[1:-1]  # the outer rows have neighbours on one side only
+        count = int(np.count_nonzero(moved))
         if not count:
             return
-        ways = (now, (now[0], then[1]), (then[0], now[1]))
-        self._combed += [_combing(even, odd)[moved[1:-1]].sum() for even, odd in ways]
+        pairings = ((even, odd), (even, previous_odd), (previous_even, odd))
+        self._combed += [_combing(*fields)[moved].sum() for fields in pairings]
         self._pixels, self._pairs = self._pixels + count, self._pairs + 1
 
     @property
     def share(self) -> float | None:
-        """See the class; None while too few pixels have moved."""
-        within, low, high = self._combed[0], min(self._combed[1:]), max(self._combed[1:])
-        if self._pixels < MIN_PIXELS or self._pairs < MIN_PAIRS or high < (1.0 + MIN_COMB_EXCESS) * within:
+        """Share from 0 (two instants) to 1 (one instant), see the class; None while too few pixels have moved."""
+        one_frame, weaker, stronger = self._combed[0], min(self._combed[1:]), max(self._combed[1:])
+        if self._pixels < MIN_PIXELS or self._pairs < MIN_PAIRS or stronger < (1.0 + MIN_COMB_EXCESS) * one_frame:
             return None
-        return float((low - within) / (high - within))
+        return float((weaker - one_frame) / (stronger - one_frame))
 
     @property
     def two_instants(self) -> bool | None:
@@ -83,7 +85,10 @@ class FieldEvidence:
 
     @property
     def earlier_field(self) -> Literal["tff", "bff"]:
-        """The earlier field where there are two instants: "tff" the even rows, "bff" the odd rows."""
+        """The earlier field where there are two instants: "tff" the even rows, "bff" the odd rows.
+
+        A frame's earlier field and the later field of the frame before it are half a period apart: their comb is weak.
+        """
         return "tff" if self._combed[1] < self._combed[2] else "bff"
 
 
@@ -108,13 +113,12 @@ def split_fields(
         order: called once, at the first frame that is marked; at "one instant" all frames are yielded as they are.
     """
     graph: av.filter.Graph | None = None
-    whole = False
+    field_order: FieldOrder | None = None
     stamps: list[int] = []
     for stamp_ns, decoded in frames:
-        if graph is None and not whole and decoded.interlaced_frame:
-            found = order()
-            whole = found == "one instant"
-            graph = None if whole else _deinterlacer(stream, found)
+        if field_order is None and decoded.interlaced_frame:
+            field_order = order()
+            graph = None if field_order == "one instant" else _deinterlacer(stream, field_order)
         if graph is None:
             yield stamp_ns, decoded
             continue
@@ -128,6 +132,7 @@ def split_fields(
 
 
 def _deinterlacer(stream: av.VideoStream, order: FieldOrder) -> av.filter.Graph:
+    """Returns FFmpeg's filter that makes two images of each frame that is marked as interlaced."""
     graph = av.filter.Graph()
     source = graph.add_buffer(template=stream)
     fields = graph.add("bwdif", f"mode=send_field:parity={order}:deint=interlaced")
@@ -138,6 +143,7 @@ def _deinterlacer(stream: av.VideoStream, order: FieldOrder) -> av.filter.Graph:
 
 
 def _pulled(graph: av.filter.Graph, stamps: list[int]) -> Iterator[tuple[int, av.VideoFrame]]:
+    """Yields stamp in ns and image of the fields that the filter has finished; ``stamps`` are those of all frames."""
     while True:
         try:
             field = graph.pull()
@@ -146,8 +152,8 @@ def _pulled(graph: av.filter.Graph, stamps: list[int]) -> Iterator[tuple[int, av
         assert isinstance(field, av.VideoFrame)
         assert field.pts is not None
         number, second = divmod(field.pts, 2)
-        around = np.diff(stamps[max(0, number - 1) : number + 2])
+        intervals = np.diff(stamps[max(0, number - 1) : number + 2])  # before and after the frame
         if not second:
             yield stamps[number], field
-        elif len(around):
-            yield stamps[number] + int(around.min()) // 2, field
+        elif len(intervals):
+            yield stamps[number] + int(intervals.min()) // 2, field

@@ -50,7 +50,7 @@ def shown_image(
     """
     _check_one_view(decoded, where)
     levels = levels_of(decoded, where)
-    if levels.dtype == np.uint16:
+    if levels.dtype == np.uint16:  # the upper 8 of the bits in use remain
         levels >>= (16 if _states_its_depth(decoded) else bits_in_use()) - 8
     aspect = stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or Fraction(1)
     image = square_pixels(change_stored(levels.astype(np.uint8)), aspect, where)
@@ -119,8 +119,8 @@ def _full_range(levels: npt.NDArray[np.uint8 | np.uint16]) -> npt.NDArray[np.uin
 
 def _check_one_view(decoded: av.VideoFrame, where: str) -> None:
     """Raises FileFormatError where each image of the video holds two views of a stereo camera."""
-    stated = _side_data(decoded, Type.STEREO3D)
-    kind = int(stated[0]) if len(stated) else 0
+    stereo = _side_data(decoded, Type.STEREO3D)  # its first integer is the arrangement
+    kind = int(stereo[0]) if len(stereo) else 0
     if not 0 < kind <= _LAST_ARRANGEMENT:
         return
     how, crop = _HALVES.get(kind, ("interleaved", ""))
@@ -133,8 +133,8 @@ def _check_one_view(decoded: av.VideoFrame, where: str) -> None:
 def _side_data(decoded: av.VideoFrame, kind: Type) -> npt.NDArray[np.int32]:
     """Returns the side data of this kind as integers; none where the frame has none."""
     container = cast(SideDataContainer, decoded.side_data)
-    found = bytes(container[kind]) if kind in (data.type for data in container) else b""
-    return np.frombuffer(found[: len(found) // 4 * 4], np.int32)
+    raw = bytes(container[kind]) if kind in (data.type for data in container) else b""
+    return np.frombuffer(raw[: len(raw) // 4 * 4], np.int32)
 
 
 def _oriented(image: Image, decoded: av.VideoFrame, where: str) -> Image:
@@ -154,15 +154,16 @@ def _oriented(image: Image, decoded: av.VideoFrame, where: str) -> Image:
         return image
     (a, b), (c, d) = (int(matrix[0]), int(matrix[1])), (int(matrix[3]), int(matrix[4]))
     straight, crossed = (abs(a), abs(d)), (abs(b), abs(c))
+    # the signs of the remaining two elements mirror the image along its u and its v axis
     if max(crossed) <= MAX_SKEW_SHARE * min(straight):
-        across, along = a, d
+        along_u, along_v = a, d
     elif max(straight) <= MAX_SKEW_SHARE * min(crossed):
-        image, across, along = np.swapaxes(image, 0, 1), c, b
+        image, along_u, along_v = np.swapaxes(image, 0, 1), c, b
     else:
         shown = [round(element / 65536, 3) for element in (a, b, c, d)]
         raise FileFormatError(
             f"{where}: its display matrix {shown} turns by another angle than 90, 180 or 270 degrees; turn the images "
             "themselves: ffmpeg -i VIDEO -crf 10 TURNED.mp4"
         )
-    image = image[:, ::-1] if across < 0 else image
-    return np.ascontiguousarray(image[::-1] if along < 0 else image)
+    image = image[:, ::-1] if along_u < 0 else image
+    return np.ascontiguousarray(image[::-1] if along_v < 0 else image)

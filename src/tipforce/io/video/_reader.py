@@ -25,6 +25,8 @@ COMPANION_STREAMS = (
 """Streams that accompany a video: a cover, thumbnails, a depth map."""
 MAX_PROBED_FRAMES = 250
 """Number of frames by which a video that is marked as interlaced is checked."""
+MIN_READ_SHARE, MIN_WHOLE_SHARE = 0.98, 0.5
+"""A file is refused if fewer of its stated frames can be read, or fewer of these are undamaged."""
 
 
 class VideoFile:
@@ -35,6 +37,7 @@ class VideoFile:
     """
 
     def __init__(self, path: Path) -> None:
+        """Chooses the stream and reads size, number of frames and order of the fields from the file."""
         self.path = path
         self._bits: int | None = None
         self._order: FieldOrder | None = None
@@ -45,7 +48,7 @@ class VideoFile:
             self._stated_order: FieldOrder = stated_order(stream)
             self._stated_frames = _stated_count(container, stream)
         if self._stated_order != "one instant":
-            self._field_order()
+            self._field_order()  # known now, because `frame_count` depends on it
 
     @property
     def frame_count(self) -> int:
@@ -103,31 +106,33 @@ class VideoFile:
             order: FieldOrder = self._stated_order
             if evidence.two_instants is False:
                 order = "one instant"
-                said = "is marked as interlaced, but both fields of a frame show one instant: its frames are read whole"
+                remark = (
+                    "is marked as interlaced, but both fields of a frame show one instant: its frames are read whole"
+                )
             else:
                 if evidence.two_instants or order == "one instant":
                     order = evidence.earlier_field
-                said = "is interlaced: each frame is read as two images, half a frame period apart"
-            warnings.warn(f"{self.path}: {said}", stacklevel=1)
+                remark = "is interlaced: each frame is read as two images, half a frame period apart"
+            warnings.warn(f"{self.path}: {remark}", stacklevel=1)
             self._order = order
         return self._order
 
     def _checked(self, frames: Iterator[tuple[int, av.VideoFrame]]) -> Iterator[tuple[int, av.VideoFrame]]:
-        """Refuses images that differ in size."""
-        size: tuple[int, int] | None = None
+        """Yields stamp and image of the frames. Raises FileFormatError at an image of another size."""
+        first_size: tuple[int, int] | None = None
         for number, (stamp_ns, decoded) in enumerate(frames):
-            here = decoded.width, decoded.height
-            if size is not None and here != size:
+            width, height = decoded.width, decoded.height
+            first_size = first_size or (width, height)
+            if (width, height) != first_size:
                 raise FileFormatError(
-                    f"{self.path}: frame {number}, at {stamp_ns * 1e-9:.3f} s, has {here[0]} x {here[1]} pixels, those "
-                    f"before it {size[0]} x {size[1]}: cut the video there: ffmpeg -i VIDEO -t {stamp_ns * 1e-9:.3f} "
-                    "-c copy FIRST.mp4"
+                    f"{self.path}: frame {number}, at {stamp_ns * 1e-9:.3f} s, has {width} x {height} pixels, those "
+                    f"before it {first_size[0]} x {first_size[1]}: cut the video there: ffmpeg -i VIDEO -t "
+                    f"{stamp_ns * 1e-9:.3f} -c copy FIRST.mp4"
                 )
-            size = here
             yield stamp_ns, decoded
 
     def _unmarked_checked(self, frames: Iterator[tuple[int, av.VideoFrame]]) -> Iterator[tuple[int, av.VideoFrame]]:
-        """Refuses frames that are interlaced but not marked so."""
+        """Yields stamp and image of the frames. Raises FileFormatError where they are interlaced but not marked so."""
         evidence: FieldEvidence | None = FieldEvidence()
         for stamp_ns, decoded in frames:
             yield stamp_ns, decoded
@@ -143,11 +148,12 @@ class VideoFile:
             evidence = None if evidence.two_instants is False else evidence
 
 
-def _said(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return str(error).split("] ", 1)[-1].split(":")[0].strip()
 
 
 def _opened(path: Path) -> InputContainer:
+    """Returns the open file. Raises FileFormatError where it is no video, or an .mp4 that was cut off."""
     if not path.exists():
         raise FileFormatError(f"{path}: there is no such file")
     if path.stat().st_size == 0:
@@ -157,10 +163,10 @@ def _opened(path: Path) -> InputContainer:
     except av.error.FFmpegError as error:
         if path.suffix.lower() in (".mp4", ".mov", ".m4v"):
             raise FileFormatError(
-                f"{path}: cannot be opened as a video ({_said(error)}): an .mp4 whose recording was cut off has no "
+                f"{path}: cannot be opened as a video ({_reason(error)}): an .mp4 whose recording was cut off has no "
                 "index; record again, or repair it from an intact file of the same camera"
             ) from None
-        raise FileFormatError(f"{path}: is no video that FFmpeg can read ({_said(error)})") from None
+        raise FileFormatError(f"{path}: is no video that FFmpeg can read ({_reason(error)})") from None
     missing = _missing_bytes(path) if container.format.name.startswith("mov") else 0
     if missing:
         container.close()
@@ -176,7 +182,7 @@ def _chosen_stream(path: Path, container: InputContainer) -> av.VideoStream:
     streams = [stream for stream in container.streams.video if not stream.disposition & COMPANION_STREAMS]
     if not streams:
         raise FileFormatError(f"{path}: holds no video stream")
-    moving = [stream for stream in streams if stream.frames != 1] or streams
+    moving = [stream for stream in streams if stream.frames != 1] or streams  # a stream of one frame is a cover
     usable = [stream for stream in moving if getattr(stream, "codec_context", None)]
     if not usable:
         raise FileFormatError(f"{path}: no decoder here knows its kind of video; convert it, for example to H.264")
@@ -194,22 +200,26 @@ def _chosen_stream(path: Path, container: InputContainer) -> av.VideoStream:
 
 
 def _missing_bytes(path: Path) -> int:
-    """Returns the number of bytes by which the boxes of an .mp4 extend beyond the end of the file."""
-    size, at = path.stat().st_size, 0
+    """Returns the number of bytes by which the boxes of an .mp4 extend beyond the end of the file.
+
+    A box begins with its length (4 bytes, big-endian) and its name (4 bytes).
+    """
+    size, box_start = path.stat().st_size, 0
     with path.open("rb") as stream:
-        while at + 8 <= size:
-            stream.seek(at)
+        while box_start + 8 <= size:
+            stream.seek(box_start)
             head = stream.read(16)
             length = int.from_bytes(head[:4], "big")
             if length == 1:  # the length follows the name, in 64 bits
                 length = int.from_bytes(head[8:], "big")
             if length < 8:  # 0: the last box extends to the end of the file
                 return 0
-            at += length
-    return max(0, at - size)
+            box_start += length
+    return max(0, box_start - size)
 
 
 def _stated_count(container: InputContainer, stream: av.VideoStream) -> int:
+    """Returns the number of frames that the file states, else duration (in us) times mean rate, else 0."""
     if stream.frames:
         return stream.frames
     rate = stream.average_rate
@@ -217,14 +227,20 @@ def _stated_count(container: InputContainer, stream: av.VideoStream) -> int:
 
 
 def _undamaged(path: Path, container: InputContainer, stream: av.VideoStream) -> Iterator[tuple[int, av.VideoFrame]]:
-    """Yields stamp in ns and frame of the undamaged frames; see `VideoFile.frames`."""
+    """Yields stamp in ns and image of the undamaged frames; see `VideoFile.frames`.
+
+    A frame after a damaged one counts as damaged, too, until a key frame, which is decoded without those before it.
+    """
     packets = _Packets(container, stream)
-    count, last, hurt, hurt_at_s, damaged = 0, None, 0, 0.0, False
+    count, damaged_count, first_damage_s = 0, 0, 0.0
+    last: int | None = None  # stamp in ns
+    damaged = False
     try:
         for decoded in packets:
             if decoded is None:
-                count, hurt, damaged = count + 1, hurt + 1, True
-                hurt_at_s = hurt_at_s if hurt > 1 else (last or 0) * 1e-9
+                count, damaged = count + 1, True
+                first_damage_s = first_damage_s if damaged_count else (last or 0) * 1e-9
+                damaged_count += 1
                 continue
             if decoded.pts is None or decoded.time_base is None:
                 raise TimeError(f"{path}: frame {count} has no time stamp; write the video with time stamps")
@@ -238,22 +254,24 @@ def _undamaged(path: Path, container: InputContainer, stream: av.VideoStream) ->
             count, last = count + 1, stamp_ns
             damaged = decoded.is_corrupt or (damaged and not decoded.key_frame)
             if damaged:
-                hurt, hurt_at_s = hurt + 1, hurt_at_s if hurt else stamp_ns * 1e-9
+                first_damage_s = first_damage_s if damaged_count else stamp_ns * 1e-9
+                damaged_count += 1
                 continue
             yield stamp_ns, decoded
     except av.error.FFmpegError as error:
-        raise FileFormatError(f"{path}: cannot be read beyond frame {count} ({_said(error)}); {_REMEDY}") from None
+        raise FileFormatError(f"{path}: cannot be read beyond frame {count} ({_reason(error)}); {_REMEDY}") from None
     if count == 0:
         raise FileFormatError(f"{path}: not one frame can be read; the video is cut off or damaged")
     stated = stream.frames - packets.hidden
-    if stream.frames and count < 0.98 * stated:
+    if stream.frames and count < MIN_READ_SHARE * stated:
         raise FileFormatError(f"{path}: is cut off: {count} of {stated} frames can be read; {_REMEDY}")
-    if hurt > 0.5 * count:
-        raise FileFormatError(f"{path}: is damaged: {count - hurt} of {count} frames are whole; copy it again")
-    if hurt:
+    whole_count = count - damaged_count
+    if whole_count < MIN_WHOLE_SHARE * count:
+        raise FileFormatError(f"{path}: is damaged: {whole_count} of {count} frames are whole; copy it again")
+    if damaged_count:
         warnings.warn(
-            f"{path}: {hurt} damaged frames were left out, the first at {hurt_at_s:.3f} s; copy the file again if "
-            "it has an intact original",
+            f"{path}: {damaged_count} damaged frames were left out, the first at {first_damage_s:.3f} s; copy the file "
+            "again if it has an intact original",
             stacklevel=1,
         )
 
@@ -273,8 +291,8 @@ class _Packets:
         for packet in self._container.demux(self._stream):
             self.hidden += packet.is_discard
             try:
-                found = packet.decode()
+                decoded = packet.decode()
             except av.error.InvalidDataError:
                 yield None
             else:
-                yield from found
+                yield from decoded

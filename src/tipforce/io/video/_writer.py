@@ -46,6 +46,7 @@ class VideoWriter:
         lossless: bool = False,
         zero_ns: int | None = None,
     ) -> None:
+        """Checks path and rate; the first frame opens the file and gives its size."""
         self.path = Path(path)
         check_output_file(self.path)
         self._file = ExitStack()
@@ -81,6 +82,7 @@ class VideoWriter:
         self._last_ticks = ticks
 
     def _opened(self, image: Image) -> tuple[av.VideoStream, OutputContainer]:
+        """Returns stream and file; the first image, (h, w) or (h, w, 3), opens them and gives the size."""
         if self._container is None or self._stream is None:
             # the offset of a first frame later than zero is in the timescale of the file, which would be milliseconds
             part = self._file.enter_context(atomic_path(self.path))
@@ -98,6 +100,7 @@ class VideoWriter:
         return self
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Finishes the file and gives it its name; after an error removes it."""
         if self._container is None or self._stream is None:
             if error is None:
                 raise InputError(f"{self.path}: there is not one frame to write")
