@@ -111,9 +111,9 @@ def pulling_force(
     usable = np.isfinite(force[:, axes]).all(axis=1)
     if axes[:2] != [0, 1] or facts.sensor is None or len(shapes) < _MIN_FRAMES:
         return None
-    stamps = stamps[usable]
+    begin_ns, stamps = stamps[0], stamps[usable]
     tared = np.nan_to_num(force[usable] - facts.tare.force_n - facts.carried(stamps))
-    outside = ~facts.tare.covers((stamps - stamps[0]) * 1e-9)
+    outside = ~facts.tare.covers((stamps - begin_ns) * 1e-9)
     at_tare = np.linalg.norm(tared[outside, :2], axis=1) < _AT_TARE_N
     if float(np.mean(at_tare)) > _MAX_AT_TARE:
         return None

@@ -54,7 +54,7 @@ def _fill_elastic(parameters: FloatArray, nominal: Elastic, out: Elastic) -> Ela
     longer, stiffer = 1.0 + parameters[_LENGTH], 1.0 + parameters[_STIFFNESS]
     for i in range(count):
         factor = stiffer
-        if 3 * i < count:  # the third next to the clamp
+        if 3 * i < count - 1:  # the third of the segments next to the clamp
             factor *= 1.0 + parameters[_PROXIMAL]
         out.span[i] = longer * nominal.span[i]
         out.ei[i] = factor * nominal.ei[i]
