@@ -137,7 +137,7 @@ class _Frames:
         stage_m: (n,) the stage's forward position less that at the beginning of contact.
         across_m: (n,) position of the dome across the surface.
         along_m: (n,) position of the dome along the surface.
-        rates: (3, n) rates of the last three, in m/s.
+        rates: (3, n) rates of ``stage_m``, ``across_m`` and ``along_m``, in m/s.
     """
 
     seconds: FloatArray
@@ -176,14 +176,17 @@ class _Frames:
         return np.maximum(stage - c * self.across_m - s * self.along_m - law[0], 0.0)
 
     def model_n(self, law: FloatArray) -> FloatArray:
-        """Returns the (n,) force.
+        """Returns the (n,) force: a power of the indentation, plus damping times its rate; 0 without contact.
+
+        The rate is that of the frame itself: a delay of the stage changes it in second order only.
 
         Args:
             law: (6,) stage position at the beginning of contact (m), force at a millimetre (N), damping (N s/m),
                 exponent, turn (rad), delay of the stage (s).
         """
         depth = self.depth_m(law)
-        speed = self.rates[0] - math.cos(law[4]) * self.rates[1] - math.sin(law[4]) * self.rates[2]
+        stage_speed, across_speed, along_speed = self.rates
+        speed = stage_speed - math.cos(law[4]) * across_speed - math.sin(law[4]) * along_speed  # of the indentation
         pressed = law[1] * (depth / _UNIT_M) ** law[3] + law[2] * speed
         return np.where(depth > 0.0, np.maximum(pressed, 0.0), 0.0)
 

@@ -122,19 +122,23 @@ class CameraWatch:
     def fault(self, now_ns: int) -> Fault | None:
         """Returns the fault at ``now_ns``; None without a fault.
 
-        A view that has sent nothing for ``lost_s`` counts as lost, regardless of the fault of its last image.
+        A view that has sent nothing for ``lost_s`` counts as lost, regardless of the fault of its last image. Otherwise
+        the last image may be unusable, or the last good one may be older than `limit_ns`.
+
+        Args:
+            now_ns: present time, on the engine's clock.
         """
         view = self.view
         if self._last_arrival_ns is None:
             return Fault("waiting", f"no image of the view {view} has come yet")
         if self._state == "black":
-            silent = Fault("black", f"the view {view} is black: lens cap, light or exposure")
+            unusable = Fault("black", f"the view {view} is black: lens cap, light or exposure")
         elif self._state == "wrong_size":
-            silent = Fault(
+            unusable = Fault(
                 "wrong_size", f"the view {view} sends {self._wrong_size}; it began with {_size(self._first_shape)}"
             )
         elif self._state == "late":
-            silent = Fault(
+            unusable = Fault(
                 "late",
                 f"the stamps of the view {view} are {self._ahead_ns * 1e-6:.0f} ms ahead of this machine's clock, so "
                 "the age of its images is unknown; set the clock of its source",
@@ -142,15 +146,15 @@ class CameraWatch:
         elif self._fresh_ns is not None and now_ns - self._fresh_ns <= self.limit_ns:
             return None
         else:
-            silent = None
+            unusable = None
         silence_ns = now_ns - self._last_arrival_ns
         if silence_ns > self._settings.lost_s * 1e9:
             return Fault("lost", f"the view {view} has sent nothing for {silence_ns * 1e-9:.0f} s")
-        if silent is not None:
-            return silent
+        if unusable is not None:
+            return unusable
         if self._state == "frozen" and silence_ns <= self.limit_ns:
             return Fault("frozen", f"the view {view} sends the same image again and again")
-        assert self._fresh_ns is not None
+        assert self._fresh_ns is not None  # an image has come and has no fault of its own, so one was good
         age_ms = (now_ns - self._fresh_ns) * 1e-6
         slow = ""
         if self.period_s > MAX_AGE_S:

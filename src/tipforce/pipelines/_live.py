@@ -220,12 +220,13 @@ class _BenchInRealTime(ClosedAtExit):
         self._drawn = False
 
     def __iter__(self) -> Iterator[Event]:
-        """Yields the events of one session after another, with stamps on `clock`: each session counts from 0."""
+        """Yields the events of one session after another; the stamps of each count from 0 and are moved to `clock`."""
         while True:
             with self._simulation as bench:
                 self.actuators.sessions += 1
                 for event in bench.source:
-                    self._drawn = self._drawn or isinstance(event, Frame)
+                    self._drawn = self._drawn or isinstance(event, Frame)  # for `trouble`
+                    # anew for each event: a bench that draws too slowly sets its clock back
                     ahead_ns = self.clock.now_ns() - bench.clock.now_ns()
                     yield replace(event, stamp_ns=event.stamp_ns + ahead_ns)
 

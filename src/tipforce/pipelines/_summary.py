@@ -167,7 +167,11 @@ def plot_summary(summary: RecordingSummary, path: Path | str) -> None:
 
 
 def describe_recording(summary: RecordingSummary) -> list[str]:
-    """Returns one line a fact: file, streams, clock map, tare, sensor, forces."""
+    """Returns one line a fact, in this order: file, streams, drives, forces, catheter, views.
+
+    "zero" is a force that the operator subtracted from the estimates of a live run; "tare" is the force that the sensor
+    shows without contact. The inertia of a moving sensor is shown only where it was estimated or has a remark.
+    """
     info, session = summary.info, summary.session_info
     size = f", {summary.image_size[0]}x{summary.image_size[1]} px" if summary.image_size else ""
     lines = [f"{summary.path}: session {session.name}, {summary.duration_s:.1f} s{size}"]

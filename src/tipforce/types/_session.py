@@ -384,7 +384,7 @@ class SessionInfo:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any], where: str = "the session's metadata") -> "SessionInfo":
-        """Inverts `values`.
+        """Makes the metadata from nested values, as the method `values` returns them.
 
         Args:
             values: nested, as ``bench.toml`` holds them.
@@ -393,7 +393,7 @@ class SessionInfo:
         Raises:
             InputError: a key is unknown, or a value has a wrong type or range; the message names it.
         """
-        from pydantic import ValidationError
+        from pydantic import ValidationError  # loaded late, so that `import tipforce` stays fast
 
         try:
             info = _adapter().validate_python(dict(values))

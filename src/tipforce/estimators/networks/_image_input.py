@@ -130,7 +130,7 @@ def crop_window(image: Image, window: Window, size: int) -> Image:
     """
     out = np.empty((size, size), np.uint8)
     channels_last = image if image.ndim == 3 else image[:, :, None]
-    cos, sin = INWARD[BASE_SIDES[window.turns]]
+    cos, sin = INWARD[BASE_SIDES[window.turns]]  # direction from the border of the base into the image
     _crop(channels_last, window.origin[0], window.origin[1], float(cos), float(sin), window.size_px, out)
     return out
 

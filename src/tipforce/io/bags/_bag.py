@@ -384,7 +384,18 @@ class _Columns:
         return DriveLog(all_stamps, values)
 
     def _name(self, topic: str, joint: str) -> tuple[str, float]:
-        """Returns NAME_UNIT of a joint or topic, and the factor that converts its readings to this unit."""
+        """Returns NAME_UNIT of a joint or topic, and the factor that converts its readings to this unit.
+
+        A JointState is in radians and metres by its definition, so its readings are converted to the unit of the name
+        that ``bag.names`` states. A joint that itself ends in a unit, as ``knob_deg``, is taken to be in that unit.
+
+        Args:
+            topic: the topic.
+            joint: name of the joint in the message; the topic itself for messages of one number.
+
+        Raises:
+            InputError: the name does not end in a unit.
+        """
         stated = self.names.get(joint) or self.names.get(joint.lstrip("/"))
         if self.kinds[topic] == "JointState" and stated:
             return stated, _PER_SI_UNIT.get(_unit(stated), 1.0)

@@ -338,6 +338,7 @@ class _Reader:
             return stamps, rows
         different = len(stamps) - len(repeats)
         rows_per_stamp = np.diff(np.flatnonzero(np.diff(stamps, prepend=stamps[0] - 1, append=stamps[-1] + 1)))
+        # two stamps or one have no typical number of rows
         few_repeat = different > 2 and float(np.median(rows_per_stamp)) < 2
         if self.info.repeated_stamps == "first" or few_repeat:
             keep = np.diff(stamps, prepend=stamps[0] - 1) > 0

@@ -76,7 +76,7 @@ class OriginDoor:
         behind: host and port of the protected server.
         origins: web pages that are accepted.
         subprotocol: WebSocket subprotocol of client and server.
-        key_of: returns the key of a message; None for a message that must not be left out.
+        key_of: returns what a message is about, as its topic; None for a message that must not be left out.
 
     Raises:
         OSError: the port is in use.
@@ -92,21 +92,22 @@ class OriginDoor:
         subprotocol: str,
         key_of: Callable[[str | bytes], Hashable],
     ) -> None:
+        """Opens the port; ``behind`` is asked when the first client comes."""
         self._behind, self._subprotocol, self._key_of = behind, Subprotocol(subprotocol), key_of
         self._clients = 0
-        self._left = threading.Condition()
+        self._client_left = threading.Condition()
         self._server = OriginServer(host, port, self._serve, origins=origins, subprotocols=[self._subprotocol])
 
     def close(self) -> None:
         """Stops listening, after the server behind has ended and all clients have its last messages."""
-        with self._left:
-            self._left.wait_for(lambda: self._clients == 0, CLOSE_S)
+        with self._client_left:
+            self._client_left.wait_for(lambda: self._clients == 0, CLOSE_S)
         self._server.close()
 
     def _serve(self, client: ServerConnection) -> None:
         """Connects one client with the protected server, on three threads: one for each direction, one between."""
         host, port = self._behind
-        with self._left:
+        with self._client_left:
             self._clients += 1
         try:
             with connect(
@@ -119,9 +120,9 @@ class OriginDoor:
         except (ConnectionClosed, OSError):  # client or server is gone
             pass
         finally:
-            with self._left:
+            with self._client_left:
                 self._clients -= 1
-                self._left.notify_all()
+                self._client_left.notify_all()
 
 
 class _Waiting:

@@ -212,6 +212,7 @@ class SpatialShapes:
     def __init__(self, rod: SpatialRod, lever_m: float) -> None:
         self.rod = rod
         self._nominal = elastic_of(rod, lever_m)
+        # buffers: the rod with the parameters of one shape, and with parameters changed a little for derivatives
         self._changed, self._spare = elastic_of(rod, lever_m), elastic_of(rod, lever_m)
         self._work = make_work(rod.segments + 1, 0)
 
@@ -242,12 +243,13 @@ class SpatialShapes:
 
         Args:
             parameters: (count, 9) see `PARAMETERS`.
-            quaternions: (count, segments + 1, 4) orientations of the starts; then of the results.
+            quaternions: (count, segments + 1, 4) unit quaternions (w, x, y, z) that turn a segment's frame into the
+                base frame: those of the starts; the results replace them.
             parents: (count,) index of an earlier shape of this call whose result is the start; -1 where
                 ``quaternions`` is.
 
         Returns:
-            Nodes (count, segments + 2, 3) in m: clamp, ends of the segments, tip; their derivatives (count,
+            Nodes (count, segments + 2, 3) in m, base frame: clamp, ends of the segments, tip; their derivatives (count,
             segments + 2, 3, 9) by the parameters; and whether each shape is a stable equilibrium. The derivatives of
             others are zero.
         """

@@ -65,7 +65,11 @@ NEWTON_STEPS = 20
 
 
 def line_features(line: Located) -> LineFeatures:
-    """Returns the features of ``line``."""
+    """Returns the features of ``line``.
+
+    Values that differ by factors count by their logarithm. Each is limited where larger or smaller values are too rare
+    to say more. The peak of a hidden tip says nothing, so it counts by the probability that the tip is seen.
+    """
     return LineFeatures(
         _at_most(line.right_base, MAX_RIGHT),
         _at_most(line.right_body, MAX_RIGHT),

@@ -346,7 +346,8 @@ def _instruments(ranges: XrayRanges, rng: np.random.Generator) -> tuple[Instrume
 def _route(route: str, rng: np.random.Generator) -> tuple[FloatArray, float]:
     """Returns the usual axis and the radius of an instrument.
 
-    The venae cavae are at the patient's right, the coronary sinus is at the back left.
+    The venae cavae are at the patient's right, the coronary sinus is at the back left. The patient's frame: x left,
+    y back, z to the head.
 
     Args:
         route: key of `_ROUTE_SHARES`.
@@ -366,6 +367,7 @@ def _route(route: str, rng: np.random.Generator) -> tuple[FloatArray, float]:
     if route == "ventricle":
         rows = [(-28, 18, -130), (-24, 14, -60), (-16, 4, -18), (2, -14, -16), (22, -24, -28), (34, -28, -36)]
         return np.array(rows), rng.uniform(0.8e-3, 1.0e-3)
+    # a lead, from above
     rows = [(-14, 10, 130), (-18, 8, 70), (-20, 6, 25), (-8, -8, -12), (14, -22, -30), (30, -30, -42)]
     return np.array(rows), rng.uniform(0.9e-3, 1.4e-3)
 
