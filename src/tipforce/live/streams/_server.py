@@ -76,7 +76,7 @@ class OriginDoor:
         behind: host and port of the protected server.
         origins: web pages that are accepted.
         subprotocol: WebSocket subprotocol of client and server.
-        key_of: returns what a message is about, as its topic; None for a message that must not be left out.
+        key_of: returns the key of a message, such as its topic; None for a message that must not be left out.
 
     Raises:
         OSError: the port is in use.
