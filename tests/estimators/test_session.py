@@ -340,6 +340,20 @@ def drawn_line(state: SessionFilter, rng: np.random.Generator, force: FloatArray
     return line._replace(points=points)
 
 
+def test_a_bend_out_of_the_plane_grows_from_the_base_where_the_tip_is_hidden_too() -> None:
+    state = session()
+    lengths_m, depths = (0.048, 0.03), list[np.ndarray]()
+    for length_m in lengths_m:  # a straight line as long as the rod, and the part of it before a hidden end
+        points = np.column_stack([np.linspace(0.0, length_m, 60), np.zeros(60)])
+        centreline = CentrelinePx(points / SCALE * (1.0, -1.0) + (-0.5, 239.5))
+        line = FRAME.line(centreline, from_clamp=length_m < lengths_m[0])
+        modes = line_modes(LineError.of(SETTINGS.noise, MODES), noise_unit_m(state._model, SCALE))
+        fill_camera_modes(modes, line, state._model, SETTINGS)
+        depths.append(np.interp((0.01, 0.02, 0.03), line.points[:, 0], np.abs(modes[:-1, MODES + 3])))
+    np.testing.assert_allclose(depths[1], depths[0], rtol=0.02)
+    assert depths[0][2] == pytest.approx(9.0 * depths[0][0], rel=0.05)
+
+
 def test_intervals_hold_on_lines_drawn_from_the_model_itself() -> None:
     rng = np.random.default_rng(3)
     holds, frames = 0, 80

@@ -5,6 +5,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
+from .._system.rows import evenly_spread
 from ..errors import InputError
 from ..types import Image
 from ._images import AnnotationImages
@@ -73,11 +74,10 @@ def import_marks(file: Path, images: AnnotationImages, store: AnnotationStore) -
         remarks.append(f"{len(missing)} images are not in {images.path} ({_examples(missing)}): left out")
     names = list(by_name)
     if len(names) > MAX_IMPORTED:
-        spread = np.unique(np.linspace(0, len(names) - 1, MAX_IMPORTED).astype(int))
         remarks.append(
             f"{len(names)} frames are more than {MAX_IMPORTED}: every {len(names) / MAX_IMPORTED:.1f}th used"
         )
-        names = [names[k] for k in spread.tolist()]
+        names = [names[row] for row in evenly_spread(len(names), MAX_IMPORTED).tolist()]
     sizes = {images.resolve(name): size for name, size in marks.sizes_px.items()}
     for name, image in zip(names, images.read(names), strict=True):
         _check(file, by_name[name], image, sizes.get(name))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._system.rows import evenly_spread
 from ..errors import InputError
 from ..estimators.session import PriorSettings, RodSettings
 from ..types import FloatArray, IntArray, SessionInfo
@@ -144,7 +145,7 @@ def calibrate_sessions(
 
 def _spread(rows: IntArray, count: int) -> IntArray:
     """Returns at most ``count`` of the ``rows``, evenly spaced."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, count).astype(np.int64))] if len(rows) else rows
+    return rows[evenly_spread(len(rows), count)]
 
 
 def _nominal(info: SessionInfo, knob_deg: FloatArray) -> FloatArray:

@@ -178,7 +178,7 @@ class _Frames:
     def model_n(self, law: FloatArray) -> FloatArray:
         """Returns the (n,) force: a power of the indentation, plus damping times its rate; 0 without contact.
 
-        The rate is that of the frame itself: a delay of the stage changes it in second order only.
+        The delay of the stage counts for the indentation, not for its rate.
 
         Args:
             law: (6,) stage position at the beginning of contact (m), force at a millimetre (N), damping (N s/m),

@@ -132,6 +132,7 @@ class Estimator(ABC):
             NotFittedError: see `start`.
         """
         first = images.get(self.views[0], ()) if images else ()
+        # a method that resolves nothing on images need not take any
         return self.start(info, first) if first else self.start(info)
 
     def unfitted(self) -> Self:

@@ -12,6 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from .._system.contexts import ClosedAtExit
+from .._system.rows import evenly_spread
 from ..errors import FileFormatError, InputError, TimeError
 from ..types import (
     ADVANCE,
@@ -372,7 +373,7 @@ def spread_rows(count: int) -> IntArray:
 
     The ground beneath the tip must change between them, or it is taken for a part of the catheter.
     """
-    return np.unique(np.linspace(0, count - 1, min(MAX_CALIBRATION_IMAGES, count)).astype(np.int64))
+    return evenly_spread(count, MAX_CALIBRATION_IMAGES)
 
 
 def spread_images(source: Source, view: str = "camera") -> list[Image]:

@@ -273,8 +273,6 @@ def start_stream(estimator: Estimator, source: Source) -> Stream:
     view, info = estimator.views[0], source.session_info
     views = estimator.views if estimator.calibrates_on_images else ()
     by_knob_per_m = _knob_curvature(source, view) if KNOB in estimator.required_actuation else None
-    if by_knob_per_m is None and not estimator.calibrates_on_images:
-        return estimator.start(info)
     images = {each: images_beforehand(source, each) for each in views}
     if by_knob_per_m is not None:
         why = _against_knob(images.get(view) or spread_images(source, view), info, view, by_knob_per_m)

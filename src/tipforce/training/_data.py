@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from .._system.rows import evenly_spread
 from ..errors import InputError
 from ..types import IntArray
 from ._config import TrainConfig
@@ -55,7 +56,7 @@ class TrainingSamples:
         for array in (self.force_n, *(self.inputs[name] for name in sorted(self.inputs))):
             digest.update(np.ascontiguousarray(array).tobytes())
         digest.update("\n".join(self.session.tolist()).encode())
-        for index in np.unique(np.linspace(0, len(self) - 1, _FINGERPRINT_IMAGES).astype(np.int64)).tolist():
+        for index in evenly_spread(len(self), _FINGERPRINT_IMAGES).tolist():
             digest.update(self.images[index].tobytes())
         return digest.hexdigest()
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from .._system.rows import evenly_spread
 from ..errors import InputError, NoCatheterError
 from ..geometry import tangents_and_normals
 from ..types import Box, DetectedShape, FloatArray, Image, SessionInfo, Status
@@ -238,7 +239,7 @@ def auto_calibrate(
         raise InputError("there is no frame for the auto-calibration of the vision settings; give at least one")
     one = isinstance(infos, SessionInfo)
     each = [infos or SessionInfo()] * len(given) if infos is None or one else list(infos)
-    chosen = np.unique(np.linspace(0, len(given) - 1, min(MAX_FRAMES, len(given))).astype(np.int64)).tolist()
+    chosen = evenly_spread(len(given), MAX_FRAMES).tolist()
     frames, each = [given[place] for place in chosen], [each[place] for place in chosen]
     stated = with_view(settings, each[0])
     if settings.method == "tracer" and "auto" not in (stated.polarity, stated.base_side):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..._system.rows import evenly_spread
 from ...training import MAX_ERROR_GROWTH, Task, TrainingSamples, TrainValSplit, error_growth, quantise
 from ...types import FloatArray, IntArray
 from ._graph import Graph
@@ -82,7 +83,7 @@ def spread_evenly(index: IntArray, count: int) -> IntArray:
         index: (n,) indices.
         count: largest number of indices to return.
     """
-    return index[np.unique(np.linspace(0, len(index) - 1, min(len(index), count)).astype(np.int64))]
+    return index[evenly_spread(len(index), count)]
 
 
 def quantise_checked(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..._system.rows import evenly_spread
 from ...datasets import Dataset, calibration_images
 from ...errors import InputError
 from ...mechanics.planar import FORCE, UNKNOWNS, Line, fit_line, make_work
@@ -82,7 +83,7 @@ def _read(settings: RodSettings, dataset: Dataset, name: str) -> _Session:
     """Detects the catheter in up to `_FRAMES` frames of the session ``name``; frames without a line are left out."""
     info = dataset.session_info[name]
     rows = np.flatnonzero(dataset.session == name)
-    frames = dataset.subset(rows[np.unique(np.linspace(0, len(rows) - 1, _FRAMES).astype(np.int64))])
+    frames = dataset.subset(rows[evenly_spread(len(rows), _FRAMES)])
     images = (
         calibration_images(dataset, name, settings.vision.view)
         if detector_kind(settings.vision.method).by_session

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
+from ..._system.rows import evenly_spread
 from ...datasets import Dataset
 from ...errors import InputError, NotFittedError
 from ...types import FloatArray, ForceEstimate, Image, IntArray, Observation, SessionInfo
@@ -298,7 +299,7 @@ class ShapeRegressor(CentrelineEstimator):
 
         A session without images beforehand begins with it, until its own images have resolved the detection.
         """
-        some = dataset.subset(np.unique(np.linspace(0, len(dataset) - 1, CALIBRATION_SAMPLES).astype(np.int64)))
+        some = dataset.subset(evenly_spread(len(dataset), CALIBRATION_SAMPLES))
         warn_of_sizes(dataset, self.settings.vision.view)
         images: list[Image] = []
         infos: list[SessionInfo] = []

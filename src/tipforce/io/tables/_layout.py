@@ -308,7 +308,8 @@ def _header_row(alternatives: Mapping[str, Rows]) -> tuple[str, int] | None:
 def _rows_of_width(path: Path, alternatives: Mapping[str, Rows], columns: Sequence[str], key: str) -> tuple[str, int]:
     """Returns separator and index of the first row of numbers with as many cells as ``columns``.
 
-    Raises TableError where there is none; the message states the widest rows of numbers. See `_layout`.
+    Raises:
+        TableError: no row of numbers has as many cells; the message states how many cells the widest rows have.
     """
     widest = 0
     for separator, rows in alternatives.items():

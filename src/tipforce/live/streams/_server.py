@@ -92,7 +92,7 @@ class OriginDoor:
         subprotocol: str,
         key_of: Callable[[str | bytes], Hashable],
     ) -> None:
-        """Opens the port; ``behind`` is asked when the first client comes."""
+        """Opens the port. Each client that comes is connected with ``behind``."""
         self._behind, self._subprotocol, self._key_of = behind, Subprotocol(subprotocol), key_of
         self._clients = 0
         self._client_left = threading.Condition()
