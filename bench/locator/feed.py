@@ -58,12 +58,13 @@ def image_shares(xray_share: float | None = None) -> dict[str, float]:
 
 
 def _work(
-    kind: str, seed: int, memory: shared_memory.SharedMemory, free: Any, full: Any, shares: dict[str, float]
-) -> None:
+    kind: str, seed: int, memory: shared_memory.SharedMemory, free: Any, full: Any, shares: dict[str, float],
+    scene_xray_share: float,
+) -> None:  # fmt: skip
     """One worker: draws windows into free slots of the shared memory until it is ended."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng([seed, 77])
-    windows = preset_windows(rng, seed, shares) if kind == "presets" else scene_windows(rng)
+    windows = preset_windows(rng, seed, shares) if kind == "presets" else scene_windows(rng, scene_xray_share)
     while True:
         slot = free.get()
         views = _views(memory, slot)
@@ -74,11 +75,11 @@ def _work(
         full.put(slot)
 
 
-def scene_windows(rng: np.random.Generator) -> Iterator[Any]:
-    """Yields windows of the compositor's scenes."""
+def scene_windows(rng: np.random.Generator, xray_share: float = scene.XRAY_SHARE) -> Iterator[Any]:
+    """Yields windows of the compositor's scenes, of which ``xray_share`` are X-ray images."""
     drawer = Drawer(WINDOW_PX, WINDOW_PX)
     while True:
-        yield window(scene.draw(rng, drawer, WINDOW_PX), rng, 0)
+        yield window(scene.draw(rng, drawer, WINDOW_PX, xray_share=xray_share), rng, 0)
 
 
 def preset_windows(
@@ -117,21 +118,24 @@ class Feed:
         seed: of the first worker; the others follow.
         preset_share: share of the workers that draw from the presets' renderers.
         xray_share: share of X-ray among the images of the presets; None: that of ``PRESET_IMAGE_SHARES``.
+        scene_xray_share: share of X-ray among the scenes.
     """
 
     def __init__(
-        self, workers: int, seed: int, preset_share: float = PRESET_SHARE, xray_share: float | None = None
-    ) -> None:
+        self, workers: int, seed: int, preset_share: float = PRESET_SHARE, xray_share: float | None = None,
+        scene_xray_share: float = scene.XRAY_SHARE,
+    ) -> None:  # fmt: skip
         context = get_context("fork")
         self._memory = shared_memory.SharedMemory(create=True, size=SLOTS * _layout()[1])
         self._free, self._full = context.Queue(), context.Queue()
         for slot in range(SLOTS):
             self._free.put(slot)
-        drawing, shares = round(preset_share * workers), image_shares(xray_share)
+        drawing = round(preset_share * workers)
+        given = self._memory, self._free, self._full, image_shares(xray_share), scene_xray_share
         self._processes = [
             context.Process(
                 target=_work,
-                args=("presets" if k < drawing else "scenes", seed + k, self._memory, self._free, self._full, shares),
+                args=("presets" if k < drawing else "scenes", seed + k, *given),
                 daemon=True,
             )
             for k in range(workers)

@@ -51,11 +51,16 @@ FLANGE_SHARE, PIN_SHARE, SHORT_PIN_SHARE = 0.2, 0.35, 0.7
 share of the pins that are at most about as long as the catheter is thick."""
 CREASE_SHARE = 0.3
 """Share of the sheaths with a dark line at the mouth."""
+XRAY_SHARE = 0.13
+"""Share of X-ray images among the scenes."""
+CROSSING_SHARE = 0.5
+"""Share of the X-ray images with a catheter in which other instruments cross it."""
 
 
 def draw(
-    rng: np.random.Generator, drawer: Drawer, size: int, length_shares: tuple[float, float] = LENGTH_SHARES
-) -> Scene:
+    rng: np.random.Generator, drawer: Drawer, size: int, length_shares: tuple[float, float] = LENGTH_SHARES,
+    xray_share: float = XRAY_SHARE,
+) -> Scene:  # fmt: skip
     """Draws one scene of (size, size).
 
     Args:
@@ -63,8 +68,9 @@ def draw(
         drawer: draws tubes into images of this size.
         size: side of the image, px.
         length_shares: least and largest length of the catheter in a camera image, shares of ``size``.
+        xray_share: probability of an X-ray image.
     """
-    if rng.random() < 0.13:
+    if rng.random() < xray_share:
         return _xray(rng, drawer, size)
     light = ground(rng, size, size)
     canvas = SceneCanvas.empty(light)
@@ -487,6 +493,27 @@ def xray_image(rng: np.random.Generator, canvas: SceneCanvas) -> npt.NDArray[np.
     return camera_image(np.asarray(noisy, np.float32), rng)
 
 
+def _crossing(
+    rng: np.random.Generator, drawer: Drawer, canvas: SceneCanvas, lights: Lights, line: Float, diameter: float
+) -> None:
+    """Draws wires and other instruments that cross the catheter, most in its proximal half and at a small angle.
+
+    There the catheter has no electrodes, so that only the course tells the two apart.
+    """
+    size = canvas.kind.shape[0]
+    for _ in range(int(rng.integers(1, 4))):
+        at = int(rng.beta(1.0, 2.0) * (len(line) - 2))
+        along = line[at + 1] - line[at]
+        turn = math.atan2(along[1], along[0]) + rng.choice((-1.0, 1.0)) * math.exp(
+            rng.uniform(math.log(0.08), math.log(1.6))
+        )
+        place = line[at] + rng.normal(0.0, 0.3 * diameter, 2)
+        ahead, behind = (lead(rng, place, turn + back, 1.2 * size, rng.uniform(0.0, 1.2)) for back in (0.0, math.pi))
+        thick = max(0.5 * diameter * math.exp(rng.uniform(math.log(0.2), math.log(1.2))), 0.6)
+        surface = absorbing(rng, rng.uniform(0.1, 1.1))
+        drawer.tube(canvas, np.vstack([behind[:0:-1], ahead]), thick, surface, lights, INSTRUMENT)
+
+
 def _xray(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
     """A catheter in an X-ray image: attenuation multiplies, nothing hides, electrodes are dark."""
     canvas, lights = xray_ground(rng, size), random_lights(rng)
@@ -501,6 +528,8 @@ def _xray(rng: np.random.Generator, drawer: Drawer, size: int) -> Scene:
         surface = absorbing(rng, rng.uniform(0.1, 1.0))
         drawer.tube(canvas, axis, max(0.5 * diameter * rng.uniform(0.2, 1.0), 0.6), surface, lights, INSTRUMENT)
     line, side = placed(rng, curve(rng, length), size, from_border=rng.random() < 0.3)
+    if present and rng.random() < CROSSING_SHARE:
+        _crossing(rng, drawer, canvas, lights, line, diameter)
     if present:
         shaft = rng.uniform(0.12, 0.9)
         rings, tip = int(rng.integers(0, 7)), rng.uniform(1.0, 4.0) * diameter / length

@@ -26,6 +26,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from bench.locator.feed import CHUNK, PRESET_SHARE, Feed
+from bench.locator.scene import XRAY_SHARE
 
 from tipforce.training.locator import (
     LINE_POINTS,
@@ -250,6 +251,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--presets", type=float, default=PRESET_SHARE, help="share of the workers that draw presets")
     parser.add_argument("--xray", type=float, help="share of X-ray among the images of the presets")
+    parser.add_argument("--scene-xray", type=float, default=XRAY_SHARE, help="share of X-ray images among the scenes")
     parser.add_argument("--bfloat16", action="store_true")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--resume", action="store_true")
@@ -263,7 +265,7 @@ def main() -> None:
     so_far = options.resume and path.exists()
     seed = options.seed + (int(time.time()) % 100_000 if so_far else 1000)  # other windows than before
     # before anything uses the GPU: the workers are forked
-    feed = Feed(options.workers, seed, options.presets, options.xray)
+    feed = Feed(options.workers, seed, options.presets, options.xray, options.scene_xray)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.backends.cudnn.benchmark = True
     torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = True

@@ -60,6 +60,7 @@ def test_images_are_read_one_row_group_at_a_time(tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ({"knob_deg": [float("inf"), *[1.5] * 5]}, r"a\.parquet row 0, column knob_deg: expected a finite number"),
         ({"fx_n": [0.1, None, 0.3, 0.4, 0.5, 0.6]}, r"a\.parquet row 1, column fx_n: expected a finite number"),
         ({"fx_n": ["a"] * 6}, r"column fx_n: expected numbers, got string"),
         ({"stamp_ns": [0.5] * 6}, r"column stamp_ns: expected whole numbers"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tipforce.datasets import open_dataset, write_dataset
+from tipforce.datasets._recordings import open_recordings
 from tipforce.errors import InputError
 from tipforce.io import RecordingWriter
 from tipforce.types import Actuation, Frame, SessionInfo, Wrench
@@ -54,6 +55,10 @@ def test_files_of_the_same_session_name_stay_apart(tmp_path: Path) -> None:
     write_run(tmp_path / "a.mcap", "same", 50)
     write_run(tmp_path / "b.mcap", "same", 50)
     assert open_dataset(tmp_path).sessions == ("same", "same (b)")
+    (tmp_path / "later").mkdir()
+    write_run(tmp_path / "later/b.mcap", "same", 50)
+    three = open_recordings([tmp_path / "a.mcap", tmp_path / "b.mcap", tmp_path / "later/b.mcap"], "three")
+    assert three.sessions == ("same", "same (b)", "same (b, 2)")
 
 
 def test_a_recording_without_forces_names_what_it_has(tmp_path: Path) -> None:

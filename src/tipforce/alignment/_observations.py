@@ -69,8 +69,9 @@ class Pairing:
     def views_of(self, frame: Frame) -> dict[str, Image]:
         """Returns the images at the instant of ``frame``, that of the first view first.
 
-        A view without an image that is near is absent. Of a frame of a further view the result is empty where it
-        belongs to the instant of a frame of the first view.
+        The nearest image of each other view counts, if it is at most ``within_s`` apart; a view without one is absent.
+        For a frame of a further view the result is its own image, and nothing where it belongs to the instant of a
+        frame of the first view.
         """
         if frame.view != self._first:
             return {} if self._near(self._first, frame) else {frame.view: frame.image}

@@ -464,13 +464,17 @@ class ControlLoop:
         return self._controller.swing_mm(now_s) if isinstance(self._controller, PeriodicRejection) else 0.0
 
     def _nearing_mm_per_s(self) -> float:
-        """Returns the largest speed toward the goal in hold; a recent error of the wall's model lowers it."""
+        """Returns the largest speed toward the goal while the force is held.
+
+        It falls with the largest error in the last second of the force that the model of the moving wall predicts: full
+        speed up to `_SMALL_ERROR_N`, then linearly to 0 at `_LARGE_ERROR_N`, but never below `_CAREFUL_MM_PER_S`. It is
+        that speed, too, as long as the model's rate is hardly known.
+        """
         fastest = self.safety.max_speed_mm_per_s
         if self.settings.controller != "periodic":  # the others follow the force, not the wall's model
             return fastest
         if self._observer.rate_range_hz > _MAX_RATE_RANGE_HZ:
             return min(_CAREFUL_MM_PER_S, fastest)
-        # full speed for residuals up to the small error, then linearly down to the careful speed at the large one
         speed_share = (_LARGE_ERROR_N - self._observer.max_residual_n) / (_LARGE_ERROR_N - _SMALL_ERROR_N)
         return max(min(_CAREFUL_MM_PER_S, fastest), fastest * min(1.0, speed_share))
 

@@ -119,8 +119,8 @@ class ShardTable:
             values = np.asarray(column.cast("float64").to_numpy(), np.float64)
         except arrow()[0].ArrowException:
             raise TableError(f"{self.path}, column {name}: expected numbers, got {column.type}") from None
-        wrong = np.flatnonzero(~np.isfinite(values))
-        if len(wrong) and not may_be_empty:
+        wrong = np.flatnonzero(np.isinf(values) if may_be_empty else ~np.isfinite(values))
+        if len(wrong):
             raise TableError(
                 f"{self.path}, {self.place(int(wrong[0]))}, column {name}: expected a finite number, "
                 f"got {values[wrong[0]]:g}"

@@ -1,6 +1,7 @@
 """Recordings as a dataset: every labelled frame is a sample, every file is a session."""
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,13 @@ from ..io import RecordingReader
 from ..types import DEFAULT_VIEW, FloatArray, IntArray, SessionInfo
 from ._dataset import Dataset
 from ._stores import Recordings
+
+
+def _free_name(name: str, path: Path, taken: Collection[str]) -> str:
+    """Returns ``name``, or where another session has it, ``name`` with the file's stem, and a number if need be."""
+    numbered = (f"{name} ({path.stem}, {number})" for number in itertools.count(2))
+    names = itertools.chain((name, f"{name} ({path.stem})"), numbered)
+    return next(each for each in names if each not in taken)
 
 
 def open_recordings(paths: Sequence[Path], title: str, *, view: str | None = None, force: str = "force") -> Dataset:
@@ -59,7 +67,7 @@ def open_recordings(paths: Sequence[Path], title: str, *, view: str | None = Non
             frames.append(rows)
             actuation.append(reader.actuation_at(session_stamps[rows]))
             info = reader.session_info
-            name = info.name if info.name not in infos else f"{info.name} ({path.stem})"
+            name = _free_name(info.name, path, infos)
             infos[name] = replace(info, name=name)
     counts = [len(rows) for rows in frames]
     if not sum(counts):
@@ -77,8 +85,9 @@ def open_recordings(paths: Sequence[Path], title: str, *, view: str | None = Non
         )
         for name in names
     }
-    for path, values in zip(opened, actuation, strict=True):
-        if lacking := [name for name in names if np.isnan(values.get(name, np.array([np.nan]))).all()]:
+    for path, values, count in zip(opened, actuation, counts, strict=True):
+        lacking = [name for name in names if np.isnan(values.get(name, np.array([np.nan]))).all()]
+        if count and lacking:
             remarks.append(f"{path.name}: lacks the actuation {', '.join(lacking)}, which other recordings have")
     recording, frame = np.repeat(np.arange(len(opened)), counts), np.concatenate(frames)
     stamp_ns = np.concatenate(stamps)

@@ -37,7 +37,7 @@ _SAMPLES = {"svr": (165, 55), "dcfe": (461, 154)}
 """Training and test samples of the thesis."""
 
 _NO_CONDITION = {"seed", "workers", "precision", "tuning_samples", "max_left_out", "minutes"}
-"""Settings that are no condition of the thesis's."""
+"""Settings that do not count as another condition: they change how a method is computed or judged, not what it is."""
 
 
 def beside_thesis(evaluation: Evaluation) -> dict[str, Any]:
@@ -95,7 +95,13 @@ def _thesis_row(name: str) -> dict[str, Any]:
 
 
 def _differences(evaluation: Evaluation, result: MethodResult, estimator: Estimator) -> list[str]:
-    """Lists the conditions that differ from the thesis's: the bench first, then forces, samples and settings."""
+    """Lists the conditions that differ from the thesis's: the bench first, then forces, samples and settings.
+
+    Args:
+        evaluation: the evaluation, with its dataset.
+        result: figures of one method. Its first run counts: all runs have as many samples.
+        estimator: the method, with its settings beside those of the thesis.
+    """
     predictions, differences = result.predictions, list[str]()
     simulated = all(info.simulated for info in evaluation.dataset.session_info.values())
     differences.append("a simulated bench" if simulated else "another bench")

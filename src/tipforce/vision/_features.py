@@ -141,7 +141,8 @@ def fitted_curve(
 
     Args:
         shape: the detected shape.
-        settings: kind and degree of the features.
+        settings: kind of the features, a polynomial or a Legendre series of the tangent angle, and whether its constant
+            term is one of them.
         values: (k,) features of the shape.
         points: number of points to return.
 
@@ -158,7 +159,8 @@ def fitted_curve(
         x = np.linspace(local[0, 0], local[:, 0].max(), points)
         y = np.polyval(values if settings.constant else np.append(values, 0.0), x)
         return shape.base.to_image(np.column_stack([x, y]))
-    mean_angle = float(np.mean(turning_angles(np.ascontiguousarray(local), 1.0, 0.0)))
+    from_base_axis_rad = turning_angles(np.ascontiguousarray(local), cos=1.0, sin=0.0)
+    mean_angle = float(np.mean(from_base_axis_rad))
     series = values if settings.constant else np.append(mean_angle, values)
     length = float(np.sum(np.hypot(*np.diff(local, axis=0).T)))
     curve = curve_from_angle(series, length, points)

@@ -425,17 +425,24 @@ class Compact(NetworkEstimator):
     def fit_interval(
         self, estimates: Sequence[ForceEstimate], truth: FloatArray, session: npt.NDArray[np.str_], sampling: str
     ) -> Interval:
-        """Returns the intervals in standard deviations of each estimate; see `NetworkEstimator.fit_interval`.
+        """Returns the intervals in standard deviations of each estimate.
 
         Held-out samples of the training sessions guarantee little for other sessions. So a fine-tuned network keeps the
         interval of its initial model where that is wider, unless whole sessions were held out.
+
+        Args:
+            estimates: n estimates.
+            truth: (n, t) their labels in newtons, of the components that the labels know.
+            session: (n,) their sessions.
+            sampling: how the samples were drawn; "": whole sessions were held out.
         """
         known = self._fitted().known
         force = np.array([each.force_n[known] for each in estimates])
         covariance = np.array([each.covariance_n2[np.ix_(known, known)] for each in estimates])
         interval = normalised_interval(known, force, covariance, truth, session, sampling)
         initial = self.initial_model()
-        return interval if initial is None or not sampling else wider_interval(interval, initial.interval)
+        whole_sessions = not sampling
+        return interval if initial is None or whole_sessions else wider_interval(interval, initial.interval)
 
     def typical_half_n(self) -> FloatArray:
         """See `NetworkEstimator`: at the typical uncertainty."""

@@ -143,7 +143,7 @@ class _LineStream:
             found = out_of_range
         return ForceEstimate.invalid(observation.stamp_ns, found.status, found.detail, self._detection.shape)
 
-    def _reading(self, observation: Observation, detected: Detected) -> ContactReading | None:
+    def _contact_reading(self, observation: Observation, detected: Detected) -> ContactReading | None:
         """Returns the geometry of the contact at the tip; None without a network, or where the tip is not known."""
         image = observation.views.get(self._settings.vision.view)
         if self._contact is None or not isinstance(image, np.ndarray):
@@ -176,7 +176,7 @@ class RodStream(_LineStream):
         if isinstance(read, ForceEstimate):
             return read
         detected, knob_deg = read
-        reading = self._reading(observation, detected)
+        reading = self._contact_reading(observation, detected)
         found = self._model.solve(detected.line(), detected.frame.scale_m_per_px, knob_deg, detected.errors(), reading)
         return self._estimate(observation.stamp_ns, found)
 
@@ -213,7 +213,7 @@ class RodTrackStream(_LineStream):
         self._stamp_ns = stamp
         found = self.filter.step(
             detected.line(), detected.frame.scale_m_per_px, knob_deg, elapsed_s, detected.advance_m,
-            detected.errors(), self._reading(observation, detected),
+            detected.errors(), self._contact_reading(observation, detected),
         )  # fmt: skip
         return self._estimate(stamp, found)
 

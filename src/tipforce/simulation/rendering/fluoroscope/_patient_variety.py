@@ -149,7 +149,7 @@ def add_can(patient: PatientVariety, drawn: FloatImage, camera: CameraModel) -> 
     # A rounded rectangle: |x|^4 + |y|^4 = 1.
     fourth_power = np.abs(np.cos(around_rad)) ** 4 + np.abs(np.sin(around_rad)) ** 4
     rounded = np.column_stack([np.cos(around_rad), np.sin(around_rad)]) / fourth_power[:, None] ** 0.25
-    shapes = [  # outline in mm, half depth: thickness / 2 in mm, attenuation
+    shapes = [  # outline in mm, thickness in mm, attenuation: case, battery, coil, connector block, its two contacts
         (rounded * (22.0, 20.0), 6.0, 0.9),
         (rounded * (10.0, 17.0) + (-9.0, -1.0), 5.0, 1.8),
         (rounded * (7.0, 12.0) + (11.0, 2.0), 4.0, 0.7),
@@ -161,8 +161,8 @@ def add_can(patient: PatientVariety, drawn: FloatImage, camera: CameraModel) -> 
     right, up = np.array([math.cos(spin), 0.0, math.sin(spin)]), np.array([-math.sin(spin), 0.0, math.cos(spin)])
     for outline, thickness_mm, attenuation in shapes:
         flat = np.array(patient.can) + 1e-3 * (outline[:, :1] * right + outline[:, 1:] * up)
-        depth = np.array([0.0, 0.5e-3 * thickness_mm, 0.0])
-        solid = np.concatenate([flat - depth, flat + depth])
+        half_depth = np.array([0.0, 0.5e-3 * thickness_mm, 0.0])
+        solid = np.concatenate([flat - half_depth, flat + half_depth])
         hull = cv2.convexHull(camera.project(solid).astype(np.float32))
         mask = np.zeros(drawn.shape, np.uint8)
         cv2.fillConvexPoly(mask, np.round(16 * hull).astype(np.int32), 255, cv2.LINE_AA, 4)
