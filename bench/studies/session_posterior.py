@@ -11,7 +11,9 @@ and gets an error like that of detected lines (`CENTRELINE_NOISE` of ``bench-202
 session). ``detect`` draws the images (5 a second) and stores the shapes that vision detects in them, hidden tips
 included. ``score`` gives these lines and the knob's readings to a method and keeps its estimate for every
 ``--every``-th frame in contact. ``images`` draws the images (5 a second) and gives them to `fusion` without a limit of
-the error, as a user would; with ``--true-lines`` the true line with its error takes the place of detection.
+the error, as a user would; with ``--true-lines`` the true line with its error takes the place of detection. With
+``--measured`` base, camera and knob of the bench are measured: each is drawn within the error of a good measurement
+(`MEASURED`), and the prior says so.
 ``--known`` gives the truth in place of priors: ``base`` (position and direction of the base, and the camera), ``knob``
 (these and the curvature of the unloaded shaft), ``all`` (these, stiffness and length).
 ``table`` prints errors in all frames and by force and angle. Coverage is also shown as the range of its standard error
@@ -45,7 +47,7 @@ from tipforce.geometry import arc_length
 from tipforce.io import spread_rows
 from tipforce.limits import CENTRELINE_NOISE, CramerRaoBound
 from tipforce.mechanics import LineNoise
-from tipforce.simulation import PRESETS, SimulatedBench
+from tipforce.simulation import PRESETS, SimulatedBench, SimulationSettings
 from tipforce.types import CentrelinePx, DetectedShape, FloatArray, Observation, SessionInfo, Status
 from tipforce.vision import SessionDetector, VisionSettings
 
@@ -60,6 +62,9 @@ NOISE_PRESET, NOISE_PIXEL_M, NOISE_PIXELS = "bench-2021", 0.2e-3, 240.0
 REACHES_N = (0.15, 0.1, 0.075)
 """Limits of the interval's reach from the estimate, as ``max_error_n``."""
 
+MEASURED = {"angle_deg": 0.3, "scale": 3e-3, "gain": 5e-3, "base_m": 5e-4}
+"""Largest errors of a measured bench: turns of camera and base, scale and gain of the knob (relative), and place of the
+base. A board gives the first three; its images are without distortion."""
 DETECTED_FPS, DETECTED_S = 5.0, 30.0
 """Rate of the images that are drawn for ``detect``, and the length of the beginning of a session."""
 ANY_STD_PX = 1e5
@@ -329,16 +334,47 @@ class _GivenLine:
         return Detected(self.shape, self.frame)
 
 
-def score_images(preset: str, seed: int, number: int, method: str, *, true_lines: bool) -> dict[str, Any]:
+def measured_bench(settings: SimulationSettings) -> SimulationSettings:
+    """Returns the preset with camera, base and knob within `MEASURED`."""
+    turn = (-MEASURED["angle_deg"], MEASURED["angle_deg"])
+    scene = settings.scene.model_copy(
+        update={
+            "yaw_deg": turn, "pitch_deg": turn, "base_turn_deg": turn, "distortion_k1": (0.0, 0.0),
+            "distortion_tangential": (0.0, 0.0),
+        }
+    )  # fmt: skip
+    knob = settings.world.actuation.model_copy(update={"factor": (1.0 - MEASURED["gain"], 1.0 + MEASURED["gain"])})
+    world = settings.world.model_copy(update={"actuation": knob})
+    return settings.model_copy(update={"scene": scene, "world": world, "scale_error": MEASURED["scale"]})
+
+
+def measured_prior() -> PriorSettings:
+    """Returns the prior of a bench of `measured_bench`."""
+    turn_deg = MEASURED["angle_deg"]
+    return PriorSettings(
+        base_position_m=MEASURED["base_m"], base_angle_deg=turn_deg, distortion_per_m2=0.03, knob_gain=MEASURED["gain"],
+    )  # fmt: skip
+
+
+def score_images(
+    preset: str, seed: int, number: int, method: str, *, true_lines: bool, measured: bool = False
+) -> dict[str, Any]:
     """Gives the images of the beginning of a session to ``method``; returns the scores of all its frames in contact."""
-    bench = SimulatedBench(PRESETS[preset], seed, number)
+    settings = PRESETS[preset]
+    prior = PriorSettings()
+    if measured:
+        assert isinstance(settings, SimulationSettings)
+        settings, prior = measured_bench(settings), measured_prior()
+    bench = SimulatedBench(settings, seed, number)
     lines, view = Lines._of(bench), bench.views[0]
     stride = max(1, round(1.0 / (DETECTED_FPS * float(np.median(np.diff(bench.frame_s))))))
     rows = np.flatnonzero(bench.frame_s < DETECTED_S)[::stride].tolist()
     first = [bench.frame(rows[k], view).image for k in spread_rows(len(rows)).tolist()]
     noise = CENTRELINE_NOISE.get(preset, CENTRELINE_NOISE[NOISE_PRESET])
     estimator = (
-        Fusion(FusionSettings(max_error_n=None)) if method == "fusion" else METHODS[method][0](RodTrackSettings())
+        Fusion(FusionSettings(max_error_n=None, prior=prior))
+        if method == "fusion"
+        else METHODS[method][0](RodTrackSettings(prior=prior))
     )
     stream: Any = estimator.start(lines.info, [] if true_lines else first)
     given, seen = _GivenLine(frame_of(lines)), lines.seen_px() if true_lines else lines.points_px
@@ -357,7 +393,8 @@ def score_images(preset: str, seed: int, number: int, method: str, *, true_lines
             kept.append(k)
             found.append([*force.force_n[:2].tolist(), *force.magnitude_interval_n.tolist(), force.contact])
     return {
-        "session": lines.seed, "method": method, "known": "nothing", "ms": 1e3 * float(np.median(spent)),
+        "session": lines.seed, "method": method, "known": "bench" if measured else "nothing",
+        "ms": 1e3 * float(np.median(spent)),
         "frame": kept, "force_n": lines.force_n[kept, :2].tolist(), "size_n": lines.size_n[kept].tolist(),
         "angle_deg": lines.angle_deg[kept].tolist(), "time_s": lines.time_s[kept].tolist(), "estimate": found,
         "tip_seen": [True] * len(kept),
@@ -462,6 +499,7 @@ def main() -> None:
     shown.add_argument("--sessions", type=int, default=8)
     shown.add_argument("--method", default="fusion", choices=["fusion", "rod-track"])
     shown.add_argument("--true-lines", action="store_true")
+    shown.add_argument("--measured", action="store_true")
     for step in (*draws, run, shown):
         step.add_argument("--out", type=Path, required=True)
     show = steps.add_parser("table")
@@ -480,9 +518,8 @@ def main() -> None:
         rows = []
         for k in range(options.sessions):
             number = 5 * k
-            rows.append(
-                score_images(options.preset, options.seed, number, options.method, true_lines=options.true_lines)
-            )
+            given = {"true_lines": options.true_lines, "measured": options.measured}
+            rows.append(score_images(options.preset, options.seed, number, options.method, **given))
             options.out.write_text(json.dumps(rows) + "\n", encoding="utf-8")
         print(table(rows))
         print(against_bound(rows))

@@ -178,7 +178,8 @@ def _first_lines(
 
     The points at one size alone are no answer: where a catheter is small its mouth is not visible, and the tube that it
     comes out of looks like a catheter. So each object is read again, in a window around its base, at its own size. The
-    peak of a base that is called outside the image may be the mouth of the tube: both readings are made.
+    peak of a base that is called outside the image may be the mouth of the tube: both readings are made. A stated
+    border draws the points toward it, past the mouth of a tube: so they are also read without it.
     """
 
     def again(frame: Image, read: RoughPoints) -> list[Located | None]:
@@ -197,8 +198,10 @@ def _first_lines(
             lines += sized
             if any(line is not None and probability(line) > SURE_PROBABILITY for line in sized):
                 continue
-        for read in readings_by_size(colour, replace(prompts, length_px=None, diameter_px=None), network):
-            lines += again(frame, read)
+        unsized = replace(prompts, length_px=None, diameter_px=None)
+        for asked in (unsized,) if prompts.border is None else (unsized, replace(unsized, border=None)):
+            for read in readings_by_size(colour, asked, network):
+                lines += again(frame, read)
     return lines
 
 
