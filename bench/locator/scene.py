@@ -498,7 +498,7 @@ def _crossing(
 ) -> None:
     """Draws wires and other instruments that cross the catheter, most in its proximal half and at a small angle.
 
-    There the catheter has no electrodes, so that only the course tells the two apart.
+    There the catheter has no electrodes, so that only the course distinguishes the two.
     """
     size = canvas.kind.shape[0]
     for _ in range(int(rng.integers(1, 4))):

@@ -468,7 +468,7 @@ class ControlLoop:
 
         It falls with the largest error in the last second of the force that the model of the moving wall predicts: full
         speed up to `_SMALL_ERROR_N`, then linearly to 0 at `_LARGE_ERROR_N`, but never below `_CAREFUL_MM_PER_S`. It is
-        that speed, too, as long as the model's rate is hardly known.
+        that speed, too, as long as the rate of the model is uncertain.
         """
         fastest = self.safety.max_speed_mm_per_s
         if self.settings.controller != "periodic":  # the others follow the force, not the wall's model

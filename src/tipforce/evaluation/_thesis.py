@@ -37,7 +37,7 @@ _SAMPLES = {"svr": (165, 55), "dcfe": (461, 154)}
 """Training and test samples of the thesis."""
 
 _NO_CONDITION = {"seed", "workers", "precision", "tuning_samples", "max_left_out", "minutes"}
-"""Settings that do not count as another condition: they change how a method is computed or judged, not what it is."""
+"""Settings that are no condition of the thesis: they change how a method is computed or judged, not the method."""
 
 
 def beside_thesis(evaluation: Evaluation) -> dict[str, Any]:
