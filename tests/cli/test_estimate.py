@@ -255,7 +255,7 @@ def test_an_interval_without_an_end_is_written_as_nothing(trained, video: Path, 
     assert row["magnitude_low_n"] == row["magnitude_high_n"] == row["fy_low_n"] == ""
 
 
-@pytest.mark.parametrize("form", ["video", "recording"])
+@pytest.mark.parametrize("form", ["video", pytest.param("recording", marks=pytest.mark.slow)])
 def test_mirrored_images_are_refused_where_the_knob_tells(model: Path, tmp_path: Path, form: str) -> None:
     """The shaft rests bent by 0.8 rad, as the knob asks, and is pushed now and then."""
     images = [draw_image(0.8 if k % 2 else bend_at(k)) for k in range(10)]

@@ -42,7 +42,7 @@ def evaluated(images, folder, *words):
     ("method", "settings"),
     [
         pytest.param("dcfe", ("epochs=2",), marks=pytest.mark.slow),  # the next test trains one every time
-        ("compact", ("epochs=1", "size=64", "base_side=left")),
+        pytest.param("compact", ("epochs=1", "size=64", "base_side=left"), marks=pytest.mark.slow),
     ],
 )
 def test_a_network_is_trained_from_nothing_and_judged(images, tmp_path, no_figures, method, settings):

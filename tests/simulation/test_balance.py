@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from bench.studies.balance import measure
 
+pytestmark = pytest.mark.slow  # `python -m bench.studies.balance` measures the same
+
 
 @pytest.fixture(scope="module")
 def figures():

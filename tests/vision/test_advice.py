@@ -85,7 +85,7 @@ def test_a_wrong_scale_is_named_with_the_scale_that_finds_the_catheter(tmp_path:
 
 def test_where_no_fact_helps_the_advice_is_to_annotate() -> None:
     rng = np.random.default_rng(0)
-    images = [rng.integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8) for _ in range(3)]
+    images = [rng.integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)]
     advice = advise(VisionSettings(), images, SESSION)
     assert not advice.facts
     assert "`tipforce annotate frames/ --bench bench.toml --frames 8`" in advice.text("frames/")

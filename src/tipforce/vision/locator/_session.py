@@ -30,7 +30,8 @@ MAX_FIRST_FRAMES = 4
 MAX_OUTSIDE = 0.3
 """Where the base is more probably outside the image the object is read again without a prompt for its base, too."""
 SURE_PROBABILITY = 0.8
-"""An image whose line at the stated size is more probable is not read at other sizes."""
+"""An image whose line at the stated size is more probable is not read at other sizes; nor without the stated border if
+a line that was found with it is."""
 MAX_OBJECTS = 2
 MIN_LENGTH_PX = 4.0
 MIN_SHARE = 0.3
@@ -179,7 +180,7 @@ def _first_lines(
     The points at one size alone are no answer: where a catheter is small its mouth is not visible, and the tube that it
     comes out of looks like a catheter. So each object is read again, in a window around its base, at its own size. The
     peak of a base that is called outside the image may be the mouth of the tube: both readings are made. A stated
-    border draws the points toward it, past the mouth of a tube: so they are also read without it.
+    border draws the points toward it, past the mouth of a tube: where no line is sure, they are also read without it.
     """
 
     def again(frame: Image, read: RoughPoints) -> list[Located | None]:
@@ -196,13 +197,19 @@ def _first_lines(
         if prompts.length_px is not None:
             sized = again(frame, read_points(colour, prompts, network))
             lines += sized
-            if any(line is not None and probability(line) > SURE_PROBABILITY for line in sized):
+            if _any_sure(sized):
                 continue
         unsized = replace(prompts, length_px=None, diameter_px=None)
         for asked in (unsized,) if prompts.border is None else (unsized, replace(unsized, border=None)):
-            for read in readings_by_size(colour, asked, network):
-                lines += again(frame, read)
+            found = [line for read in readings_by_size(colour, asked, network) for line in again(frame, read)]
+            lines += found
+            if _any_sure(found):
+                break
     return lines
+
+
+def _any_sure(lines: Sequence[Located | None]) -> bool:
+    return any(line is not None and probability(line) > SURE_PROBABILITY for line in lines)
 
 
 def object_prompts(
