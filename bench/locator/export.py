@@ -50,7 +50,7 @@ FIRST_CONVOLUTIONS = 6
 convolve, and in photographs of real catheters the rounding lost small ones."""
 
 
-def average(one: Locator, other: Locator) -> Locator:
+def mean_network(one: Locator, other: Locator) -> Locator:
     """Returns the network with the mean of the weights of two networks."""
     mean, first, second = Locator(), one.state_dict(), other.state_dict()
     mean.load_state_dict(
@@ -140,7 +140,7 @@ def main() -> None:
         parser.error("--eight-bit and --checks belong together")
     network = read_weights(options.checkpoint)
     if options.mean_with is not None:
-        network = average(network, read_weights(options.mean_with))
+        network = mean_network(network, read_weights(options.mean_with))
     graph = export_locator(network)
     partial = options.out.with_suffix(".part.onnx")
     partial.write_bytes(graph)

@@ -17,6 +17,7 @@ from tipforce.training.locator import (  # noqa: E402
     CATHETER,
     CELLS,
     HIDDEN,
+    INSTRUMENT,
     LABEL_POINTS,
     OUTSIDE,
     PROMPT_FIELDS,
@@ -75,6 +76,15 @@ def test_the_same_seed_draws_the_same_scene():
     first, second = (scene.draw(np.random.default_rng(8), Drawer(WINDOW_PX, WINDOW_PX), WINDOW_PX) for _ in range(2))
     assert (first.image == second.image).all()
     assert (first.line == second.line).all()
+
+
+def test_x_ray_scenes_are_grey_and_drawn_in_the_share_that_is_asked_for():
+    rng, drawer = np.random.default_rng(4), Drawer(WINDOW_PX, WINDOW_PX)
+    xray, camera = ([scene.draw(rng, drawer, WINDOW_PX, xray_share=share) for _ in range(8)] for share in (1.0, 0.0))
+    tints = [np.array([np.ptp(each.image.mean(axis=(0, 1))) for each in drawn]) for drawn in (xray, camera)]
+    assert tints[0].max() < 1.0
+    assert np.median(tints[1]) > 5.0
+    assert any((each.kind == INSTRUMENT).any() for each in xray)
 
 
 def test_where_there_are_decoys_a_prompt_decides(scenes):
@@ -156,6 +166,20 @@ def test_the_checkpoint_of_the_repository_finds_the_catheter_in_most_scenes(scen
         found = network(network_input(batch["image"], planes))
     assert heat_peaks(found.heat)[0].shape == (12, 16, 2)
     assert float(figures(found, batch)["points"].nanmean()) > 0.6
+
+
+def test_the_mean_of_two_networks_has_the_mean_of_their_weights():
+    from bench.locator.export import mean_network
+
+    from tipforce.training.locator import Locator
+
+    torch.manual_seed(0)
+    one, other = Locator(), Locator()
+    mean, first, second = (each.state_dict() for each in (mean_network(one, other), one, other))
+    name = "encoder._conv_stem.weight"
+    assert not torch.equal(first[name], second[name])
+    assert torch.allclose(mean[name], 0.5 * (first[name] + second[name]))
+    assert mean.keys() == first.keys()
 
 
 def test_a_strip_of_a_scene_has_the_true_axis_and_ends(scenes):
