@@ -12,6 +12,7 @@ drawn windows, and is written only where it finds at most 1 % fewer lines in the
 """
 
 import argparse
+import tempfile
 import time
 from collections.abc import Iterable
 from itertools import islice
@@ -142,13 +143,13 @@ def main() -> None:
     if options.mean_with is not None:
         network = mean_network(network, read_weights(options.mean_with))
     graph = export_locator(network)
-    partial = options.out.with_suffix(".part.onnx")
-    partial.write_bytes(graph)
-    rounded = read_weights(partial)
-    largest = deviation(graph, rounded)
+    with tempfile.TemporaryDirectory(prefix="tipforce-") as folder:
+        stored = Path(folder) / "stored.onnx"
+        stored.write_bytes(graph)
+        largest = deviation(graph, read_weights(stored))
     if not largest < MAX_DEVIATION:
         raise SystemExit(f"the graph differs from the network by {largest:.2g}; allowed is {MAX_DEVIATION}")
-    partial.replace(options.out)
+    options.out.write_bytes(graph)
     print(f"{options.out}: {len(graph) / 1e6:.1f} MB, outputs within {largest:.1g} of the network's")
     if options.eight_bit:
         quantised = quantise_locator(graph, calibration_inputs(CALIBRATION_WINDOWS))

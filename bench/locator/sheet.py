@@ -25,7 +25,7 @@ def main() -> None:
     began, rows = time.perf_counter(), []
     drawn = [scene.draw(rng, drawer, options.size) for _ in range(32)]
     print(f"{32 / (time.perf_counter() - began):.0f} scenes a second")
-    for k, one in enumerate(drawn):
+    for one in drawn:
         image = one.image.copy()
         for decoy in one.decoys:
             cv2.polylines(image, [np.round(decoy).astype(np.int32)], False, (0, 0, 255), 1)
@@ -34,7 +34,6 @@ def main() -> None:
                 tone = ((255, 255, 0), (255, 0, 0), (0, 255, 0))[state]
                 cv2.circle(image, tuple(np.round(point).astype(int).tolist()), 1, tone, -1)
         rows.append(image)
-        del k
     sheet = np.vstack([np.hstack(rows[i : i + 8]) for i in range(0, 32, 8)])
     cv2.imwrite(str(options.out), sheet[..., ::-1])
 

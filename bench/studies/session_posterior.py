@@ -12,8 +12,7 @@ session). ``detect`` draws the images (5 a second) and stores the shapes that vi
 included. ``score`` gives these lines and the knob's readings to a method and keeps its estimate for every
 ``--every``-th frame in contact. ``images`` draws the images (5 a second) and gives them to `fusion` without a limit of
 the error, as a user would; with ``--true-lines`` the true line with its error takes the place of detection. With
-``--measured`` base, camera and knob of the bench are measured: each is drawn within the error of a good measurement
-(`MEASURED`), and the prior says so.
+``--measured`` base, camera and knob of the bench are measured as well as `MEASURED` states.
 ``--known`` gives the truth in place of priors: ``base`` (position and direction of the base, and the camera), ``knob``
 (these and the curvature of the unloaded shaft), ``all`` (these, stiffness and length).
 ``table`` prints errors in all frames and by force and angle. Coverage is also shown as the range of its standard error
@@ -63,8 +62,8 @@ REACHES_N = (0.15, 0.1, 0.075)
 """Limits of the interval's reach from the estimate, as ``max_error_n``."""
 
 MEASURED = {"angle_deg": 0.3, "scale": 3e-3, "gain": 5e-3, "base_m": 5e-4}
-"""Largest errors of a measured bench: turns of camera and base, scale and gain of the knob (relative), and place of the
-base. A board gives the first two, and nearly all of the distortion."""
+"""Largest errors of a measured bench: turns of camera and base, scale and gain of the knob (relative). They are drawn
+within these, and the distortion nearly vanishes. Last the standard deviation of the base's place about its image."""
 DETECTED_FPS, DETECTED_S = 5.0, 30.0
 """Rate of the images that are drawn for ``detect``, and the length of the beginning of a session."""
 ANY_STD_PX = 1e5
@@ -349,10 +348,10 @@ def measured_bench(settings: SimulationSettings) -> SimulationSettings:
 
 
 def measured_prior() -> PriorSettings:
-    """Returns the prior of a bench of `measured_bench`."""
-    turn_deg = MEASURED["angle_deg"]
+    """Returns the prior of a bench of `measured_bench`; its metadata state scale and tilt."""
     return PriorSettings(
-        base_position_m=MEASURED["base_m"], base_angle_deg=turn_deg, distortion_per_m2=0.03, knob_gain=MEASURED["gain"],
+        base_position_m=MEASURED["base_m"], base_angle_deg=MEASURED["angle_deg"], knob_gain=MEASURED["gain"],
+        distortion_per_m2=0.03,
     )  # fmt: skip
 
 
