@@ -66,6 +66,8 @@ def test_units_of_the_file_are_brought_to_newtons(tmp_path):
         (('ForceUnits="N"', 'ForceUnits="stone"'), "the force unit 'stone' is not known"),
         (('Family="DAQ"', 'Family="TWE"'), "is of family TWE"),
         (("</Calibration>", ""), "is no XML"),
+        (('OutputRange="20"', 'OutputRange="nan"'), "OutputRange is 'nan'; expected a number"),
+        (('OutputRange="20"', 'OutputRange="-5"'), "OutputRange is -5 V; expected more than 0"),
     ],
 )
 def test_a_calibration_that_cannot_be_used_is_refused(tmp_path, change, message):
@@ -78,6 +80,8 @@ def test_a_calibration_that_cannot_be_used_is_refused(tmp_path, change, message)
 def test_an_old_file_with_a_tool_transform_is_refused(tmp_path):
     with pytest.raises(FileFormatError, match="tool transform but no UserAxis"):
         read_calibration(calibration_file(tmp_path / "a.cal", user_axes=False, transform="4.9"))
+    with pytest.raises(FileFormatError, match="'4,9'; expected a number"):
+        read_calibration(calibration_file(tmp_path / "b.cal", user_axes=False, transform="4,9"))
 
 
 class Card:

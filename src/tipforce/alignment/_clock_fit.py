@@ -159,12 +159,13 @@ class Data:
         return size >= np.median(size)
 
     def left_out(self) -> FloatArray:
-        """Returns an orthonormal basis (n, k) of the bend that the force does not explain.
+        """Returns an orthonormal basis (n, k) of courses over time that the fit leaves out: no force explains them.
 
-        These are slow changes, and with the beat the moment of a carried mass.
+        These are slow changes of the bend, and, where a mass is carried, its bending moment at the beat and its
+        harmonics: the lever along x and y times a wave.
         """
         span = max(float(np.ptp(self.time)), 1e-9)
-        share = ((self.time - self.time[0]) / span)[:, None]  # of the length
+        share = ((self.time - self.time[0]) / span)[:, None]  # of the time
         waves = np.cos(np.pi * np.arange(1 + int(2.0 * _SLOW_HZ * span)) * share)
         # cosines are level at both ends, a drift is not
         columns = [waves, share, share**2]

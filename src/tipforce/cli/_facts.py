@@ -103,7 +103,7 @@ def tare_from(text: str) -> Literal["auto", "none"] | tuple[float, float]:
 
 
 def offset_from(text: str) -> Literal["auto", "none", "start"] | float:
-    """Reads ``auto``, ``none``, ``start`` or milliseconds.
+    """Reads the offset between the clocks of images and force log: ms, or ``auto``, ``none``, ``start``.
 
     >>> offset_from("-12.5")
     -12.5
@@ -116,5 +116,5 @@ def offset_from(text: str) -> Literal["auto", "none", "start"] | float:
         return "start"
     value = number_from(text, f"--offset-ms {text}", "milliseconds, auto, none or start")
     if abs(value) > 2e12:  # the offset of a clock that began in 1970 is 1.7e12
-        raise InputError(f"--offset-ms {text}: expected less than 2e12 ms, which is all the time since 1970")
+        raise InputError(f"--offset-ms {text}: expected less than 2e12 ms, more than a clock from 1970 shows")
     return value

@@ -161,9 +161,10 @@ def _folds(name: str, count: int, held: list[IntArray]) -> list[Split]:
 
 
 def _blocked(dataset: Dataset, name: str, held: list[tuple[IntArray, IntArray]], gap_s: float) -> Split:
-    """Returns the split that holds one block of each session out; ``held``: rows of a session, rows of its block.
+    """Returns the split that holds one block of each session out.
 
-    Rows within ``gap_s`` before or after a block are in no part. Raises InputError where none is left to train on.
+    ``held`` has for each session its rows and those of its block, by time. Rows within ``gap_s`` before or after a
+    block are neither trained on nor tested. Raises InputError where none is left to train on.
     """
     train: list[IntArray] = []
     for rows, test in held:

@@ -1,5 +1,6 @@
 """ATI force sensors whose gauges are read by a data acquisition card (NI-DAQmx), with the sensor's calibration file."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,9 +60,17 @@ def read_calibration(path: Path | str) -> DaqCalibration:
     """Reads an ATI calibration file (FTSensor, Family "DAQ").
 
     Its ``UserAxis`` rows hold the matrix from volts to the stated units. Older files have only ``Axis`` rows: the same
-    times ``scale``, before the tool transform (ATI's DAQ F/T C library, ``BasicMatrix = values / scale``).
+    values multiplied by ``scale``, before the tool transform (ATI's DAQ F/T C library, ``BasicMatrix = values /
+    scale``).
 
-    Raises FileFormatError.
+    Args:
+        path: the file.
+
+    Returns:
+        The matrix from volts to N and N m, and the card's input range.
+
+    Raises:
+        FileFormatError: it is no such file, or a value in it is missing or no number.
     """
     path = Path(path)
     try:
@@ -72,7 +81,7 @@ def read_calibration(path: Path | str) -> DaqCalibration:
         raise FileFormatError(f"{path}: is too large for a calibration file")
     try:
         root = ElementTree.fromstring(raw)
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, ValueError) as error:  # the latter: an encoding that the parser lacks
         raise FileFormatError(f"{path}: is no XML: {error}") from None
     calibration = root.find("Calibration")
     if root.tag != "FTSensor" or calibration is None:
@@ -86,7 +95,7 @@ def read_calibration(path: Path | str) -> DaqCalibration:
         # a tool transform, a shift and rotation of the axes, is not in the rows of an older file
         transform = calibration.find("BasicTransform")
         keys = ("Dx", "Dy", "Dz", "Rx", "Ry", "Rz")
-        if transform is not None and any(float(transform.get(key, "0")) for key in keys):
+        if transform is not None and any(_number(transform, key, "0", path) for key in keys):
             raise FileFormatError(f"{path}: has a tool transform but no UserAxis rows; ask ATI for a newer file")
         rows = {node.get("Name"): _row(node, path, scaled=True) for node in calibration.iter("Axis")}
     missing = [name for name in _AXES if name not in rows]
@@ -95,13 +104,27 @@ def read_calibration(path: Path | str) -> DaqCalibration:
     try:
         units = [unit_in_newtons(calibration.get("ForceUnits", ""))] * 3
         units += [unit_in_newton_metres(calibration.get("TorqueUnits", ""))] * 3
-        output_range_v = float(calibration.get("OutputRange", "20"))
-    except (DeviceError, ValueError) as error:
+    except DeviceError as error:
         raise FileFormatError(f"{path}: {error}") from None
+    output_range_v = _number(calibration, "OutputRange", "20", path)
+    if output_range_v <= 0.0:
+        raise FileFormatError(f"{path}: OutputRange is {output_range_v:g} V; expected more than 0")
     bipolar = calibration.get("OutputBipolar", "True").lower() == "true"
     limits = (-output_range_v / 2, output_range_v / 2) if bipolar else (0.0, output_range_v)
     matrix = np.array([rows[name] for name in _AXES]) * np.array(units)[:, None]
     return DaqCalibration(matrix, limits, root.get("Serial", ""), calibration.get("PartNumber", ""))
+
+
+def _number(node: ElementTree.Element, key: str, usual: str, path: Path) -> float:
+    """Returns the number ``key`` of a node, ``usual`` where it is not stated. Raises FileFormatError."""
+    text = node.get(key, usual)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FileFormatError(f"{path}: {node.tag}: {key} is {text!r}; expected a number")
+    return value
 
 
 def _row(node: ElementTree.Element, path: Path, *, scaled: bool) -> list[float]:

@@ -8,14 +8,14 @@ from ..types import Image
 
 
 def even_rows(image: Image) -> Image:
-    """Returns ``image`` with its odd rows replaced by the mean of the neighbouring even rows: one instant.
+    """Returns ``image`` with its odd rows replaced by the mean of the even rows above and below: one instant.
 
     >>> even_rows(np.array([[10], [99], [20], [99]], np.uint8)).ravel().tolist()
     [10, 15, 20, 20]
     """
     filled = image.copy()
     below = image[2::2].astype(np.uint16)
-    filled[1:-1:2] = (image[:-2:2] + below[: len(filled[1:-1:2])]) // 2
+    filled[1:-1:2] = (image[:-2:2] + below) // 2
     if len(image) % 2 == 0:
         filled[-1] = image[-2]
     return filled

@@ -211,7 +211,7 @@ def _type(say: Say, *words: object, side_by_side: bool = False) -> str:
     Args:
         say: called with the command.
         words: verb, arguments and options.
-        side_by_side: others run at the same time: it gets one core, and its text for people is returned.
+        side_by_side: others run at the same time: it gets one core, and its messages are returned, not shown.
 
     Raises:
         TipforceError: the command failed.

@@ -125,8 +125,8 @@ def fine_tune_locator(
 ) -> FineTuneResult:
     """Fine-tunes the detector on annotated images and writes the detector folder.
 
-    Some of the images are left out of the training and judge it. Windows of other benches go along, so that the
-    detector does not forget them.
+    Some of the images are left out of the training and judge it. Windows of other benches' images are learnt as
+    well, so that the detector does not forget them.
 
     Args:
         annotations: the annotated images.
@@ -205,11 +205,11 @@ def fine_tune_locator(
         }
         (part / DETECTOR_FACTS).write_text(json.dumps(finite_values(facts), indent=2) + "\n", encoding="utf-8")
         (part / DETECTOR_CARD).write_text(_card(facts), encoding="utf-8")
+        report("done", 1.0)
     frames = tuple(
         LeftOutFrame(annotation.image, _points_px(line), _points_px(tuned), _present(line), _present(tuned))
         for annotation, line, tuned in zip(truth, old, new, strict=True)
     )
-    report("done", 1.0)
     return FineTuneResult(folder, time.monotonic() - began, before, after, frames)
 
 

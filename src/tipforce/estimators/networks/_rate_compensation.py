@@ -101,10 +101,12 @@ def rate_compensation_from(calibration: CalibrationBatch, initial: RateCompensat
 
 
 def earlier_samples(stamp_ns: IntArray, session: npt.NDArray[np.str_]) -> IntArray:
-    """Returns the sample that `History` compares each sample with. All samples are taken in the order of their stamps.
+    """Returns for each sample the latest one of its session that is older by `MIN_ELAPSED_S` to `MAX_ELAPSED_S`.
+
+    `History` takes the same one. The samples may come in any order.
 
     Args:
-        stamp_ns: (n,) stamps.
+        stamp_ns: (n,) stamps, ns.
         session: (n,) sessions.
 
     Returns:

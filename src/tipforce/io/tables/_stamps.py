@@ -44,7 +44,7 @@ def time_columns(columns: Sequence[str]) -> tuple[str, ...]:
 
 
 def named_unit(name: str) -> TimeUnit | None:
-    """Returns the unit at the end of the name of a column of times, or the name itself if it is one; None without one.
+    """Returns the unit at the end of the name of a column of times, or that the whole name is ("ms"); None without one.
 
     >>> named_unit("Time [ms]"), named_unit("time_s"), named_unit("time")
     ('ms', 's', None)

@@ -159,7 +159,10 @@ def exponential_spring(stiffness: float, growth: float, depth: float) -> tuple[f
 
 @compiled
 def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
-    """Returns the normal force of the dome.
+    """Returns the normal force on the rounded tip of the catheter.
+
+    It is elastic (Hertz, exponential or linear in the depth), and viscous: ``touch.rate``, in N/m, times the change of
+    the depth since the last step's ``touch.indentation``. At the depth ``touch.rest`` both add up to zero.
 
     Args:
         touch: laws of the contact.

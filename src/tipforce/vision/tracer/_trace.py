@@ -409,7 +409,10 @@ def _write_station(
 def _update_appearance(
     image: Raster, sign: float, axis: _Axis, pair: _Pair, kind: int, n: int, shaft: _Appearance
 ) -> _Appearance:
-    """Lets width and grey levels follow the measured pair slowly; ``n`` stations were measured."""
+    """Lets the width follow the measured pair of flanks, and the grey levels where it belongs to a clean shaft.
+
+    ``sign`` is that of the polarity; ``n`` stations were measured.
+    """
     half_width, contrast, level, width_sum, width_count = shaft
     if kind == TAPER:
         half_width += 0.5 * (0.5 * pair.width - half_width)

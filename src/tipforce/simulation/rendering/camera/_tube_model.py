@@ -335,7 +335,7 @@ def _materials(appearance: CatheterAppearance, length_m: float, channels: int, s
 
 
 def instrument_shape(scene: CameraScene, instrument: Instrument, time_s: float) -> FloatArray:
-    """Returns the axis of the second instrument.
+    """Returns the axis of another instrument in the image, beside the catheter; z points to the camera.
 
     Args:
         scene: the scene.
@@ -351,7 +351,7 @@ def instrument_shape(scene: CameraScene, instrument: Instrument, time_s: float) 
     direction = end - start
     side = np.array([-direction[1], direction[0]]) / np.hypot(*direction)
     sway = instrument.sway_m * math.sin(2 * math.pi * instrument.sway_hz * time_s + instrument.phase_rad)
-    # A parabola whose middle is ``bow_m`` beside the straight line, and the sway about the start.
+    # A parabola whose middle is ``bow_m`` beside the straight line, and a sway that grows toward the end.
     aside = instrument.bow_m * 4 * share * (1 - share) + sway * share**2
     flat = start + share[:, None] * direction + aside[:, None] * side
     return np.concatenate([flat, np.full((_NODES, 1), height)], axis=1)
