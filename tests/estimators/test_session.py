@@ -124,6 +124,20 @@ def test_frames_without_contact_narrow_the_interval() -> None:
     assert later.force.low_n[2] < math.hypot(0.1, 0.08) < later.force.high_n[2]
 
 
+def test_a_line_that_a_push_along_the_shaft_explains_as_well_teaches_both_hypotheses() -> None:
+    """It is most likely without contact; but if it taught so, the session would deny every later push."""
+    state, shares = session(), []
+    for _ in range(6):
+        found = see(state, (0.0, 0.0), elapsed_s=1.0).force
+        assert found.contact < 0.1
+        assert state._fits is not None
+        shares.append((float(found.high_n[2]), state._possible_contact(found, state._fits)))
+    assert shares[0][0] > 0.2
+    assert 0.4 < shares[0][1] < 0.6
+    assert shares[-1][0] < 0.1, "now a push would be visible"
+    assert shares[-1][1] == 0.0
+
+
 def test_frames_in_contact_do_not_move_the_stiffness() -> None:
     """The shape shows force over stiffness: a prior of the force that counts with each frame would move it."""
     state = session()

@@ -155,7 +155,11 @@ class LinePosterior:
         self._error = error if begins else replace(error, modes=self._error.modes)
 
     def _fill_noise(self, line: Line, stated: StatedErrors | None) -> None:
-        """Computes whitening matrix and error modes of one line, in metres, from the noise and vision's statements."""
+        """Sets the noise of one line, from the level of the session's noise and vision's statements about the line.
+
+        ``_whiten``, 1/m, gives the line's deviations unit variance; ``_rows`` is the number of measurements;
+        ``_modes``, m, are the displacements of the line by its lasting errors, each by one standard deviation.
+        """
         self._stated, unit_m = stated, noise_unit_m(self._model, self._scale)
         # where lines are noisier than the settings state, the errors that vision states are too small by that factor
         error = self._error.beside(stated, self._factor * self._scale / unit_m)

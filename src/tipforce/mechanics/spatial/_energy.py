@@ -161,8 +161,7 @@ def exponential_spring(stiffness: float, growth: float, depth: float) -> tuple[f
 def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
     """Returns the normal force on the rounded tip of the catheter.
 
-    It is elastic (Hertz, exponential or linear in the depth), and viscous: ``touch.rate``, in N/m, times the change of
-    the depth since the last step's ``touch.indentation``. At the depth ``touch.rest`` both add up to zero.
+    It is elastic, plus ``touch.rate`` (N/m) times the change since ``touch.indentation``; zero at ``touch.rest``.
 
     Args:
         touch: laws of the contact.

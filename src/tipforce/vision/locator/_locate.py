@@ -159,7 +159,10 @@ def _read_at(image: npt.NDArray[np.uint8], prompts: Prompts, scale: float, netwo
 
 
 def rough_line(read: RoughPoints) -> FloatArray:
-    """Returns a smooth line (`SAMPLES`, 2) px through the points, each weighed by its mass."""
+    """Fits a smooth line (`SAMPLES`, 2), base to tip, px of the image, to the points of a reading.
+
+    Each point counts by its mass, the network's certainty of it; points that are far from the others' line count less.
+    """
     basis = legendre.legvander(np.linspace(-1.0, 1.0, POINTS), _DEGREE)
     heavy = np.maximum(read.mass, _MIN_MASS)
     ridge = _RIDGE * np.diag(np.arange(_DEGREE + 1.0) ** 4) * heavy.mean()
