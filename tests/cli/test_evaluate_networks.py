@@ -55,6 +55,7 @@ def test_a_network_is_trained_from_nothing_and_judged(images, tmp_path, no_figur
     assert split["facts"]["fine_tuned_from"] is None
 
 
+@pytest.mark.slow
 def test_dcfe_to_the_letter_trains_on_all_images_and_stands_beside_the_thesis(images, tmp_path, no_figures):
     words = ("dcfe", "--to-the-letter", "--protocol", "thesis", "--samples", "32", "--set", "epochs=1")
     figures = evaluated(images, tmp_path / "report", *words)

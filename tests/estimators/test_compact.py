@@ -299,6 +299,7 @@ def test_the_window_of_another_scale_shows_the_same(learnt):
     assert np.abs(one.force_n - other.force_n)[:2].max() < 0.03
 
 
+@pytest.mark.slow
 def test_in_eight_bits_it_estimates_nearly_the_same_and_from_its_folder_too(learnt, tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(_network, "quantise_checked", lambda *given: calls.append(given) or quantise_checked(*given))

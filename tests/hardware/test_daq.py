@@ -66,6 +66,7 @@ def test_units_of_the_file_are_brought_to_newtons(tmp_path):
         (('ForceUnits="N"', 'ForceUnits="stone"'), "the force unit 'stone' is not known"),
         (('Family="DAQ"', 'Family="TWE"'), "is of family TWE"),
         (("</Calibration>", ""), "is no XML"),
+        (('encoding="utf-8"', 'encoding="foo"'), "is no XML"),
         (('OutputRange="20"', 'OutputRange="nan"'), "OutputRange is 'nan'; expected a number"),
         (('OutputRange="20"', 'OutputRange="-5"'), "OutputRange is -5 V; expected more than 0"),
     ],
@@ -80,6 +81,10 @@ def test_a_calibration_that_cannot_be_used_is_refused(tmp_path, change, message)
 def test_an_old_file_with_a_tool_transform_is_refused(tmp_path):
     with pytest.raises(FileFormatError, match="tool transform but no UserAxis"):
         read_calibration(calibration_file(tmp_path / "a.cal", user_axes=False, transform="4.9"))
+    path = calibration_file(tmp_path / "c.cal", user_axes=False)
+    path.write_text(path.read_text().replace('scale="', 'scale="nan', 1))
+    with pytest.raises(FileFormatError, match=r"scale is 'nan.*; expected a number"):
+        read_calibration(path)
     with pytest.raises(FileFormatError, match="'4,9'; expected a number"):
         read_calibration(calibration_file(tmp_path / "b.cal", user_axes=False, transform="4,9"))
 

@@ -116,5 +116,5 @@ def offset_from(text: str) -> Literal["auto", "none", "start"] | float:
         return "start"
     value = number_from(text, f"--offset-ms {text}", "milliseconds, auto, none or start")
     if abs(value) > 2e12:  # the offset of a clock that began in 1970 is 1.7e12
-        raise InputError(f"--offset-ms {text}: expected less than 2e12 ms, more than a clock from 1970 shows")
+        raise InputError(f"--offset-ms {text}: expected less than 2e12 ms; a clock that began in 1970 shows less")
     return value

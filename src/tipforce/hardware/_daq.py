@@ -81,7 +81,7 @@ def read_calibration(path: Path | str) -> DaqCalibration:
         raise FileFormatError(f"{path}: is too large for a calibration file")
     try:
         root = ElementTree.fromstring(raw)
-    except (ElementTree.ParseError, ValueError) as error:  # the latter: an encoding that the parser lacks
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last two: an encoding that Python lacks
         raise FileFormatError(f"{path}: is no XML: {error}") from None
     calibration = root.find("Calibration")
     if root.tag != "FTSensor" or calibration is None:
@@ -129,9 +129,9 @@ def _number(node: ElementTree.Element, key: str, usual: str, path: Path) -> floa
 
 def _row(node: ElementTree.Element, path: Path, *, scaled: bool) -> list[float]:
     """Returns the six values of a row of the matrix, divided by its ``scale`` where ``scaled``."""
+    scale = _number(node, "scale", "1", path) if scaled else 1.0
     try:
         values = [float(word) for word in node.get("values", "").split()]
-        scale = float(node.get("scale", "1")) if scaled else 1.0
     except ValueError as error:
         raise FileFormatError(f"{path}: {node.get('Name')}: {error}") from None
     if len(values) != _GAUGES or not scale or not np.isfinite(values).all():

@@ -205,7 +205,7 @@ def fine_tune_locator(
         }
         (part / DETECTOR_FACTS).write_text(json.dumps(finite_values(facts), indent=2) + "\n", encoding="utf-8")
         (part / DETECTOR_CARD).write_text(_card(facts), encoding="utf-8")
-        report("done", 1.0)
+        report("writing the detector", 1.0)  # the last report: an error that it raises leaves the folder as it was
     frames = tuple(
         LeftOutFrame(annotation.image, _points_px(line), _points_px(tuned), _present(line), _present(tuned))
         for annotation, line, tuned in zip(truth, old, new, strict=True)

@@ -16,7 +16,9 @@ import numpy.typing as npt
 
 from .._system.cores import cores
 from .._system.processes import worker_pool
-from ..types import ActuationInfo, Catheter, SensorInfo, SessionInfo, ViewInfo
+from ..estimators.session import Knowledge, LineFrame, RodTrackSettings, SessionFilter, rod_model
+from ..types import ActuationInfo, Catheter, CentrelinePx, FloatArray, SensorInfo, SessionInfo, ViewInfo
+from ..vision import SessionDetector, VisionSettings
 from ._simulate import preset_settings
 
 _INFO = SessionInfo(
@@ -28,20 +30,39 @@ _INFO = SessionInfo(
 )
 
 
-def _images(count: int = 12) -> Iterator[npt.NDArray[np.uint8]]:
-    """Yields (240, 320) images of a dark tube that bends more and more."""
+def _axes(count: int = 12) -> Iterator[FloatArray]:
+    """Yields axes (161, 2) px of a tube that bends more and more, from the left border of an image on."""
     for number in range(count):
         x = np.arange(-10.0, 151.0)
-        points = np.stack([x, 120.0 - (20.0 + 3.0 * number) * (x / 160.0) ** 2], axis=1)
+        yield np.stack([x, 120.0 - (20.0 + 3.0 * number) * (x / 160.0) ** 2], axis=1)
+
+
+def _images() -> Iterator[npt.NDArray[np.uint8]]:
+    """Yields (240, 320, 3) images of this tube."""
+    for axis in _axes():
         image = np.full((240, 320, 3), 210, np.uint8)
-        cv2.polylines(image, [np.rint(points * 16).astype(np.int32)], False, (40, 40, 40), 8, cv2.LINE_AA, 4)
+        cv2.polylines(image, [np.rint(axis * 16).astype(np.int32)], False, (40, 40, 40), 8, cv2.LINE_AA, 4)
         yield image
 
 
 def _detect() -> None:
+    detector = SessionDetector(VisionSettings(), _INFO, list(_images()))
+    for image in _images():
+        detector.detect(image)
+
+
+def _fit_rod() -> None:
+    settings, scale = RodTrackSettings(), 3e-4
+    state = SessionFilter(settings, Knowledge.stated(settings), rod_model(_INFO, settings.segments), _INFO)
+    frame = LineFrame((320, 240), "left", scale)
+    for axis in _axes():
+        state.step(frame.line(CentrelinePx(axis[10:])), scale, 10.0, 0.1)
+
+
+def _estimate() -> None:
     from . import estimate
 
-    for model in ("pretrained/compact", "pretrained/dcfe", "fusion", "rod-3d", "links", "elastica", "pseudo-rigid"):
+    for model in ("fusion", "rod-3d", "links", "elastica", "pseudo-rigid"):
         for _ in estimate(model, _images(), bench=_INFO, actuation={"knob_deg": 10.0}):
             pass
 
@@ -72,11 +93,14 @@ def _triangulate() -> None:
 
 
 _JOBS: dict[str, Callable[[], None]] = {
+    "detection of the catheter": _detect,
+    "rod in the plane": _fit_rod,
     "simulation of a camera": _simulate_camera,
-    "detection of the catheter and the rod model": _detect,
     "simulation of a fluoroscope": _simulate_fluoroscope,
     "points from two views": _triangulate,
+    "estimation": _estimate,
 }
+"""In the order in which they begin. The last one uses the compiled functions of the first two."""
 
 
 def main() -> None:

@@ -23,14 +23,36 @@ from ._state import COUNT, SessionState
 _LEAST_SHARE = 1e-6
 """No hypothesis is ever given up."""
 _UNCLEAR = 0.1
-"""A frame teaches the constants if the probability of contact is within this of 0 or 1. The few percent of the other
-hypothesis are far away: a Gaussian of both would forget the constants."""
+"""A frame teaches the constants if the probability of contact is within this of 0 or 1, in general by the likelier
+hypothesis alone: the few percent of the other are far away, and a Gaussian of both would forget the constants. Where
+both explain the line they are near each other: see `taught_contact`."""
 _FREE_N = 0.1
 """A frame without contact whose 90 % interval ends above this force teaches the constants by both hypotheses."""
 _LARGEST_ADVANTAGE = 50.0
 """Larger differences of costs, in log likelihood, say no more."""
 _GROWN = 1.5
 """The session starts again if the noise is found to be larger by this factor."""
+
+
+def taught_contact(contact: float, high_n: float, free_cost: float, touch_cost: float) -> float:
+    """Returns the share of contact with which a clear frame teaches the constants of its session, 0 to 1.
+
+    A push along the shaft bends it little. Few directions of the force explain such a line, so it is most likely
+    without contact. If it taught so, the constants would learn the push as the shape without load, and the session
+    would deny every later force of this size. So the two hypotheses count by their best likelihoods, without a prior
+    of the direction (docs/results/session.md).
+
+    Args:
+        contact: probability of contact.
+        high_n: upper end of the 90 % interval of the magnitude, N.
+        free_cost: negative logarithm of the likelihood of the best fit without a force.
+        touch_cost: the same with a force.
+    """
+    if contact > 0.5:
+        return 1.0
+    if high_n < _FREE_N:
+        return 0.0
+    return 1.0 / (1.0 + math.exp(max(-_LARGEST_ADVANTAGE, min(_LARGEST_ADVANTAGE, touch_cost - free_cost))))
 
 
 class SessionFilter(LinePosterior):
@@ -125,7 +147,8 @@ class SessionFilter(LinePosterior):
         if reading is not None:
             self.tissue.look(reading, elapsed_s / settings.update_s if settings.update_s else 1.0)
         if found.explained and clear and self._waited_s >= settings.update_s:
-            share = float(contact) if contact else self._possible_contact(found.force, fits)
+            touch_cost = float(self._scratch.costs[: fits.found].min()) if fits.found else math.inf
+            share = taught_contact(found.force.contact, found.force.high_n[-1], fits.free.cost, touch_cost)
             state.mean, state.covariance = self._constants(fits, self._scratch.weights, share)
             self._waited_s = 0.0
             if reading is not None and contact == 1:
@@ -134,19 +157,6 @@ class SessionFilter(LinePosterior):
                 self.tissue.learn_direction(found.force.agreement)
         self._fits, self.newest = fits, found
         return found
-
-    def _possible_contact(self, force: Mixed, fits: Hypotheses) -> float:
-        """Returns the share of contact with which a frame that is most likely without contact teaches the constants.
-
-        A push along the shaft bends it little. Few directions of the force explain such a line, so it is most likely
-        without contact. If it taught so, the constants would learn the push as the shape without load, and the
-        session would deny every later force of this size. So the two count by their best likelihoods, without a prior
-        of the direction (docs/results/session.md).
-        """
-        if not fits.found or force.high_n[2] < _FREE_N:
-            return 0.0
-        advantage = fits.free.cost - float(self._scratch.costs[: fits.found].min())
-        return 1.0 / (1.0 + math.exp(-max(-_LARGEST_ADVANTAGE, min(_LARGEST_ADVANTAGE, advantage))))
 
     def _constants(self, fits: Hypotheses, shares: FloatArray, contact: float) -> tuple[FloatArray, FloatArray]:
         """Returns mean and covariance of all unknowns; see `mixed_constants`."""

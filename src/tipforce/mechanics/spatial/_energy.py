@@ -161,7 +161,7 @@ def exponential_spring(stiffness: float, growth: float, depth: float) -> tuple[f
 def normal_force(touch: Touch, depth: float) -> tuple[float, float, float]:
     """Returns the normal force on the rounded tip of the catheter.
 
-    It is elastic, plus ``touch.rate`` (N/m) times the change since ``touch.indentation``; zero at ``touch.rest``.
+    It is elastic, plus ``touch.rate`` (N/m) times the change since ``touch.indentation``; zero up to ``touch.rest``.
 
     Args:
         touch: laws of the contact.
