@@ -1,5 +1,6 @@
 """What is written: never over what is read, never after minutes of work that were in vain."""
 
+import io
 import json
 from pathlib import Path
 
@@ -122,3 +123,11 @@ def test_what_stands_in_files_is_shown_in_one_line_that_steers_no_terminal(
 def test_figures_that_are_not_finite_are_null(tmp_path: Path) -> None:
     write_json({"a": [float("nan"), 1.5], "b": {"c": float("inf")}}, str(tmp_path / "figures.json"))
     assert json.loads((tmp_path / "figures.json").read_text()) == {"a": [None, 1.5], "b": {"c": None}}
+
+
+def test_figures_are_shown_on_a_terminal_that_lacks_a_letter(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = io.BytesIO()
+    with io.TextIOWrapper(shown, encoding="ascii", write_through=True) as terminal:
+        monkeypatch.setattr("sys.stdout", terminal)
+        write_json({"title": "Größe"}, "-")
+        assert json.loads(shown.getvalue()) == {"title": "Größe"}

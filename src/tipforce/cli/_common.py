@@ -156,6 +156,7 @@ def write_json(figures: dict[str, Any], target: str | None) -> None:
         return
     from ..io import write_atomic
 
+    # not every terminal can show every letter, a file can hold them all
     text = json.dumps(finite_values(figures), indent=2, allow_nan=False, ensure_ascii=target == "-") + "\n"
     if target == "-":
         sys.stdout.write(text)

@@ -8,6 +8,7 @@ from one frame in `RodTrackSettings.update_s`, and every frame has its force fro
 import math
 
 import numpy as np
+from scipy.special import expit
 
 from ...mechanics.planar import Line, Model
 from ...types import FloatArray, SessionInfo
@@ -28,8 +29,6 @@ hypothesis alone: the few percent of the other are far away, and a Gaussian of b
 both explain the line they are near each other: see `taught_contact`."""
 _FREE_N = 0.1
 """A frame without contact whose 90 % interval ends above this force teaches the constants by both hypotheses."""
-_LARGEST_ADVANTAGE = 50.0
-"""Larger differences of costs, in log likelihood, say no more."""
 _GROWN = 1.5
 """The session starts again if the noise is found to be larger by this factor."""
 
@@ -52,7 +51,7 @@ def taught_contact(contact: float, high_n: float, free_cost: float, touch_cost: 
         return 1.0
     if high_n < _FREE_N:
         return 0.0
-    return 1.0 / (1.0 + math.exp(max(-_LARGEST_ADVANTAGE, min(_LARGEST_ADVANTAGE, touch_cost - free_cost))))
+    return float(expit(free_cost - touch_cost))
 
 
 class SessionFilter(LinePosterior):
