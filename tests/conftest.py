@@ -92,11 +92,12 @@ def _shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _kept(compute: Callable[..., Any], folder: Path) -> Callable[..., Any]:
     """``compute(*inputs, **named)``, whose results are kept in ``folder`` by the bytes of its inputs.
 
-    The last of the inputs may be the folder of a network.
+    One of the inputs may be the folder of a network.
     """
 
     def call(*inputs: Any, **named: Any) -> Any:
-        graphs = sorted(inputs[-1].glob("*.onnx")) if isinstance(inputs[-1], Path) else []
+        folders = [each for each in (*inputs, *named.values()) if isinstance(each, Path)]
+        graphs = [graph for each in folders for graph in sorted(each.glob("*.onnx"))]
         changed = [path.stat().st_mtime_ns for path in graphs]
         given = pickle.dumps((compute.__name__, inputs, named, changed))
         path = folder / hashlib.blake2b(given, digest_size=16).hexdigest()
@@ -113,17 +114,20 @@ def _kept(compute: Callable[..., Any], folder: Path) -> Callable[..., Any]:
 def _same_inputs_are_computed_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Many tests detect the catheter in the same images and import the same run.
 
-    The detector's networks read each image once, and the clock map of a run is found once. The tests of the clock map
-    itself call its function directly.
+    The detector reads each image once with the same prompts, and the clock map of a run is found once. The tests of the
+    clock map itself call its function directly.
     """
     from tipforce.alignment import _find_clock
-    from tipforce.vision.locator import _locate, _reading
+    from tipforce.vision import _advice, _by_locator
+    from tipforce.vision.locator import _locate, _reading, _session
 
     folder = _shared_folder(tmp_path_factory) / "computed-once"
     folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_locate, "rough_points", _kept(_locate.rough_points, folder))
         patch.setattr(_reading, "refine", _kept(_reading.refine, folder))
+        for module in (_session, _by_locator, _advice):
+            patch.setattr(module, "locate", _kept(_locate.locate, folder))
         patch.setattr(_find_clock, "estimate_clock", _kept(_find_clock.estimate_clock, folder))
         yield
 

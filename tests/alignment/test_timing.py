@@ -58,8 +58,8 @@ slow = pytest.mark.slow
 @pytest.mark.parametrize(
     ("offset_ms", "noise"),
     [
-        (-80, 1e-3), (5, 1e-2),
-        *(pytest.param(*more, marks=slow) for more in ((-80, 1e-2), (5, 1e-3), (80, 1e-3), (80, 1e-2))),
+        (5, 1e-2),
+        *(pytest.param(*more, marks=slow) for more in ((-80, 1e-3), (-80, 1e-2), (5, 1e-3), (80, 1e-3), (80, 1e-2))),
     ],
 )  # fmt: skip
 def test_the_offset_is_found_to_three_milliseconds(offset_ms: int, noise: float) -> None:
@@ -175,7 +175,7 @@ def test_the_standard_error_covers_a_noisy_force(seeds: int) -> None:
     [
         ({"amplitude": 0.0}, "too little contact or motion"),
         ({"seconds": 2.0}, "3 s are needed"),
-        ({"noise": 5.0}, "too little"),
+        pytest.param({"noise": 5.0}, "too little", marks=slow),
     ],
 )
 def test_an_offset_that_cannot_be_told_is_refused(change: dict[str, Any], said: str) -> None:
@@ -220,7 +220,7 @@ def test_an_offset_of_seconds_is_found(offset_ms: int) -> None:
     assert found.offset_ms == pytest.approx(offset_ms, abs=3.0)
 
 
-@pytest.mark.parametrize("rate", [0.998, 8.0, *(pytest.param(rate, marks=slow) for rate in (0.8, 1.0004, 1.02, 1.25))])
+@pytest.mark.parametrize("rate", [8.0, *(pytest.param(rate, marks=slow) for rate in (0.8, 0.998, 1.0004, 1.02, 1.25))])
 def test_a_rate_that_is_not_the_nominal_one_is_found(rate: float) -> None:
     """24 images a second stamped as 30, a log that is 0.2 % slow, slow motion by 8."""
     frames, shape, stamps, force = elastic(0.7)

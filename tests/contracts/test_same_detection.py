@@ -92,7 +92,12 @@ def sessions_of(path: Path) -> Iterator[object]:
 
 
 @pytest.mark.parametrize(
-    ("data", "found"), [("two_sessions", (48, 48)), ("with_empty_images", (41, 54)), ("recording", (175, 192))]
+    ("data", "found"),
+    [
+        ("two_sessions", (48, 48)),
+        ("with_empty_images", (41, 54)),
+        pytest.param("recording", (175, 192), marks=pytest.mark.slow),
+    ],
 )
 def test_inspect_train_and_estimate_detect_the_same_in_the_same_images(
     data: str, found: tuple[int, int], spy: Callable[[], Detected], request: pytest.FixtureRequest, tmp_path: Path
@@ -163,7 +168,7 @@ def with_thin_line(catheter: bool) -> np.ndarray:
     return image
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_what_is_stated_holds_for_fewer_images_than_detection_is_resolved_on(count: int, tmp_path: Path) -> None:
     folder = tmp_path / "images"
     folder.mkdir()
@@ -196,7 +201,7 @@ def rod_bench() -> SessionInfo:
     ],
     ids=["diameter and scale alone", "side", "region", "part of the image"],
 )
-@pytest.mark.parametrize("images", [1, 3])
+@pytest.mark.parametrize("images", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_one_stated_fact_suffices_to_leave_the_wrong_line_out(catheter: Catheter, view: ViewInfo, images: int) -> None:
     info = SessionInfo("still", catheter, views={"camera": view})
     shown = [with_thin_line(catheter=False)] * images

@@ -104,7 +104,7 @@ def test_weights_are_kept_whole_where_half_precision_is_too_coarse(
 ) -> None:
     deviations = iter([2e-3, 1e-5])
     monkeypatch.setattr(_network, "parity_n", lambda *_: next(deviations))
-    whole = type(learnt)(learnt.settings).fit(shown())
+    whole = type(learnt)(learnt.settings.model_copy(update={"epochs": 1})).fit(shown())
     assert whole.describe().parity_with_network_n == 1e-5
     halves, wholes = (sum(value.nbytes for value in stored(each).values()) for each in (learnt, whole))
     assert wholes > 1.5 * halves

@@ -19,7 +19,7 @@ pytest.importorskip("onnxscript", reason="training needs the extra [train]")
 
 HEIGHT, WIDTH = 60, 80
 CATHETER = Catheter("7F", 2.33e-3, 40e-3, 8e-3, 4.3e-4)
-QUICK = StereoSettings(size=64, epochs=10, batch=16, precision="fp32", validation=0.2)
+QUICK = StereoSettings(size=64, epochs=8, batch=16, precision="fp32", validation=0.2)
 
 
 def shown(bend: float, draw: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -319,7 +319,7 @@ def test_images_of_different_size_are_warned_of(tmp_path: Path) -> None:
         path = str(tmp_path / "data" / row[0])
         cv2.imwrite(path, cv2.copyMakeBorder(cv2.imread(path), 0, 40, 0, 40, cv2.BORDER_REPLICATE))
     with pytest.warns(UserWarning, match=r"differ in size \(320x240 in near, 360x280 in far\)"):
-        fitted(open_dataset(tmp_path / "data"))
+        fitted(open_dataset(tmp_path / "data"), vision={"method": "classic"})
 
 
 def test_images_without_a_catheter_cannot_be_learnt_from(tmp_path: Path) -> None:

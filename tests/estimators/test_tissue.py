@@ -47,14 +47,14 @@ def test_a_stated_stiffness_is_where_the_belief_begins():
 
 
 def sessions(strength: float, shared: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """40 sessions of 30 images, whose errors are partly ``shared`` within a session."""
+    """24 sessions of 30 images, whose errors are partly ``shared`` within a session."""
     draw = np.random.default_rng(0)
-    number = draw.integers(0, CLASSES, 40)
-    wrong = shared * draw.normal(size=(40, 1, CLASSES)) + draw.normal(size=(40, 30, CLASSES))
+    number = draw.integers(0, CLASSES, 24)
+    wrong = shared * draw.normal(size=(24, 1, CLASSES)) + draw.normal(size=(24, 30, CLASSES))
     logits = strength * (np.arange(CLASSES) == number[:, None, None]) + wrong
-    stamps = np.tile(np.arange(30) * SECOND, 40)
+    stamps = np.tile(np.arange(30) * SECOND, 24)
     truth = np.repeat(np.log(TISSUE_N_PER_M)[number], 30)
-    return np.repeat([f"s{k:02d}" for k in range(40)], 30), stamps, logits.reshape(-1, CLASSES), truth
+    return np.repeat([f"s{k:02d}" for k in range(24)], 30), stamps, logits.reshape(-1, CLASSES), truth
 
 
 def test_images_that_share_their_error_count_less():

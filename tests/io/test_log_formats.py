@@ -645,7 +645,10 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path: Path, name: str) ->
         book.active.append(["time_s", "fx_n"])
         book.save(path)
     whole = path.read_bytes()
-    for content in (b"", b"PK\x03\x04", whole[:40], whole[: len(whole) // 2], whole[:200] + b"\xff" * 200):
+    damaged = [b"", b"PK\x03\x04", whole[:40], whole[: len(whole) // 2], whole[:200] + b"\xff" * 200]
+    if name == "force.mat":  # each is read in a process of its own
+        damaged = [b"", *damaged[3:]]
+    for content in damaged:
         path.write_bytes(content)
         with pytest.raises(InputError) as caught:
             read_force_log(path, ForceLogInfo(force_unit="N", time_unit="s"))

@@ -73,7 +73,7 @@ def test_of_two_shafts_each_is_found_by_the_line_of_bench_toml_that_the_advice_n
 
 
 def test_a_wrong_scale_is_named_with_the_scale_that_finds_the_catheter(tmp_path: Path) -> None:
-    images = [draw_tubes(k, *_shaft(120.0, turn)) for k, turn in enumerate(np.linspace(-0.5, 0.5, 8))]
+    images = [draw_tubes(k, *_shaft(120.0, turn)) for k, turn in enumerate(np.linspace(-0.5, 0.5, 4))]
     info = replace(SESSION, views={"camera": ViewInfo(2e-3, "left")})
     refused = SessionDetector(VisionSettings(), info, images).detect(images[0])
     assert not refused.found

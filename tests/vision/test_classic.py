@@ -139,7 +139,9 @@ def test_a_catheter_whose_tip_is_outside_is_cut_off(tube) -> None:
     assert shape.status is Status.CUT_OFF
 
 
-@pytest.mark.parametrize("shape", ["bent", "hook", "long"])
+@pytest.mark.parametrize(
+    "shape", ["long", *(pytest.param(shape, marks=pytest.mark.slow) for shape in ("bent", "hook"))]
+)
 def test_the_thesis_figures_can_be_drawn_of_any_frame(tube, shape, tmp_path: Path) -> None:
     steps = ClassicDetector(DARK_LEFT).steps(tube(shape, noise=5))
     for number, figure in (("17", figure_17(steps)), ("18", figure_18(steps))):

@@ -28,12 +28,12 @@ def test_a_pale_electrode_with_one_flank_in_shadow_is_followed_to_its_tip() -> N
     assert np.median(tips) < 0.6
 
 
-@pytest.mark.parametrize("texture", [12.0, 16.0])
+@pytest.mark.parametrize("texture", [pytest.param(12.0, marks=pytest.mark.slow), 16.0])
 def test_texture_behind_the_tip_is_not_taken_for_an_electrode(texture: float) -> None:
     assert judge(tubes.Look(texture=texture), range(200, 206), KNOWN) == (6, 0)
 
 
-@pytest.mark.parametrize("grey", [60.0, 240.0])
+@pytest.mark.parametrize("grey", [60.0, pytest.param(240.0, marks=pytest.mark.slow)])
 def test_a_cable_as_thick_as_the_catheter_is_crossed_or_the_frame_refused(grey: float) -> None:
     right, wrong = judge(tubes.Look(cable=12.0, cable_grey=grey), range(300, 308), KNOWN)
     assert right >= 6

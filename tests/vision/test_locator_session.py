@@ -50,7 +50,7 @@ from tipforce.vision.tracer import Tracer
 
 SEED, SESSION = 9500, 3
 """Not among the sessions that the networks were trained on, nor those that results are reported on."""
-FRAMES = 8
+FRAMES = 6
 AUTO = VisionSettings(method="auto")
 HIDDEN_TIPS = VisionSettings(method="auto", max_tip_std_px=1e5)
 

@@ -41,8 +41,17 @@ def _sheathed(light: bool = False, grey: float = 90.0) -> tuple[list[Image], lis
     return [draw_tubes(k, (shaft, DIAMETER, 60.0), sheath, light=light) for k, shaft in enumerate(shafts)], shafts
 
 
-@pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
-@pytest.mark.parametrize("light", [False, True])
+@pytest.mark.parametrize(
+    ("side", "light"),
+    [
+        ("left", False), ("top", True),
+        *(
+            pytest.param(side, light, marks=pytest.mark.slow)
+            for light, sides in ((False, ("right", "top", "bottom")), (True, ("left", "right", "bottom")))
+            for side in sides
+        ),
+    ],
+)  # fmt: skip
 def test_the_base_lies_at_the_mouth_of_a_sheath(side: BaseSide, light: bool) -> None:
     images, shafts = _sheathed(light)
     width = SIZE[0]
