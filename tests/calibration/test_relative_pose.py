@@ -53,6 +53,7 @@ def test_a_projection_matrix_gives_its_camera_back() -> None:
         CameraModel.from_projection([[1e3, 0, 0, 320], [0, -1e3, 0, 240], [0, 0, 0, 1]])
 
 
+@pytest.mark.slow
 def test_standard_deviations_hold_over_many_sessions() -> None:
     rng = np.random.default_rng(1)
     scores: list[np.ndarray] = []

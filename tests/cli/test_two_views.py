@@ -34,7 +34,7 @@ def run(verb: str, *words: object):
     return CliRunner().invoke(app, [verb, *map(str, words)], catch_exceptions=True)
 
 
-def write(path: Path, views: dict[str, bool], frames: int = 24, phase: int = 0) -> Path:
+def write(path: Path, views: dict[str, bool], frames: int = 12, phase: int = 0) -> Path:
     """Writes a recording whose views come `APART_NS` after one another; a view of False shows only ground."""
     with RecordingWriter(path, SessionInfo(path.stem, sensor=SensorInfo(angle_deg=0.0, reads="tip-on-tissue"))) as out:
         events = []
@@ -78,7 +78,7 @@ def test_estimates_name_the_view_that_they_read(model: Path, runs: Path, tmp_pat
     result = run("estimate", model, runs / "s0.mcap", "-o", tmp_path / "f.csv")
     assert result.exit_code == 0, result.output
     assert "reads the view front of front, side" in result.output
-    assert "24 frames, 24 with a force" in result.output
+    assert "12 frames, 12 with a force" in result.output
 
 
 def test_a_model_whose_view_is_missing_says_so_and_reads_another_one_on_request(model: Path, tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_a_model_whose_view_is_missing_says_so_and_reads_another_one_on_request(
     assert said in as_options(str(refused.exception))
     result = run("estimate", model, other, "-o", tmp_path / "f.csv", "--view", "above")
     assert result.exit_code == 0, result.output
-    assert "24 frames, 24 with a force" in result.output
+    assert "12 frames, 12 with a force" in result.output
 
 
 def test_the_frames_of_the_stated_view_are_the_samples(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_the_frames_of_the_stated_view_are_the_samples(tmp_path: Path) -> None:
     assert open_dataset(tmp_path, "side").stamp_ns[0] == APART_NS
     result = run("estimate", tmp_path / "svr", tmp_path / "s0.mcap", "-o", tmp_path / "f.csv")
     assert "reads the view side of front, side" in result.output
-    assert "24 frames, 24 with a force" in result.output
+    assert "12 frames, 12 with a force" in result.output
 
 
 def test_a_wrong_name_gives_the_views_that_are_there(runs: Path, tmp_path: Path) -> None:

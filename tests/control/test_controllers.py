@@ -25,14 +25,22 @@ def held(bench, seconds: float) -> np.ndarray:
     return bench.run(seconds)
 
 
-@pytest.mark.parametrize("gain", [0.02, 0.12])
-@pytest.mark.parametrize("controller", ["pi", "admittance", "periodic"])
+@pytest.mark.parametrize(
+    ("controller", "gain"),
+    [
+        ("pi", 0.12), ("admittance", 0.02), ("periodic", 0.12),
+        *(
+            pytest.param(*more, marks=pytest.mark.slow)
+            for more in (("pi", 0.02), ("admittance", 0.12), ("periodic", 0.02))
+        ),
+    ],
+)  # fmt: skip
 def test_a_wall_at_rest_is_held_whatever_its_stiffness(bench: Callable, controller: str, gain: float) -> None:
     force = held(bench(controller=controller, gain_n_per_mm=gain), 2.0)
     np.testing.assert_allclose(force, 0.2, atol=0.012)
 
 
-@pytest.mark.parametrize(("gain", "heart_hz"), [(0.04, 1.6), (0.12, 1.0)])
+@pytest.mark.parametrize(("gain", "heart_hz"), [pytest.param(0.04, 1.6, marks=pytest.mark.slow), (0.12, 1.0)])
 def test_heart_and_breath_are_rejected_at_the_rate_that_was_measured(
     bench: Callable, gain: float, heart_hz: float
 ) -> None:

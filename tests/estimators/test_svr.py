@@ -160,8 +160,8 @@ def test_the_same_seed_gives_the_same_model(world: World) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        {"scaling": "standard"},
-        {"linear": 0.5, "scaling": "standard"},
+        pytest.param({"scaling": "standard"}, marks=pytest.mark.slow),
+        pytest.param({"linear": 0.5, "scaling": "standard"}, marks=pytest.mark.slow),
         {"angles": {"degree": 2, "length": 1.0}, "linear": 0.5, "scaling": "standard"},
         {"window": {"lags_ms": [0, 100], "average_ms": 70}, "scaling": "standard"},
         {"label_average_ms": 100},

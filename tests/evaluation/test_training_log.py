@@ -36,7 +36,8 @@ def logged_class(ridge_class):
 def test_the_report_shows_the_learning_curve_of_a_method_that_keeps_a_log(
     make_bench, logged_class, tmp_path, no_head_figures
 ):
-    result = evaluate(make_bench(), [Method("net", logged_class())])
+    settings = EvaluationSettings(protocols=["session"])
+    result = evaluate(make_bench(sessions=3), [Method("net", logged_class())], settings)
     write_report(result, tmp_path / "r")
     assert (tmp_path / "r" / "figures" / "net-training.svg").is_file()
     page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")

@@ -15,7 +15,7 @@ from .spoil import Spoiler  # type: ignore[import-not-found]
 from .targets import TARGETS, Case  # type: ignore[import-not-found]
 from .worker import run_words  # type: ignore[import-not-found]
 
-CASES, SECONDS = 3, 12.0
+CASES, SECONDS = 2, 12.0
 """Of each target, and after how long no further one is begun: on a busy machine there are fewer."""
 
 

@@ -203,11 +203,11 @@ def test_images_that_waited_while_nobody_read_do_not_count_as_current(driver):
         ahead_ns = clock.now_ns() - time.monotonic_ns()
         frames: list[Frame] = []
         paused = False
-        while len(frames) < 60:
+        while len(frames) < 50:
             frames += device.read(0.1)
             if len(frames) >= 30 and not paused:
                 paused = True
-                time.sleep(1.5)
+                time.sleep(1.0)
         device.close()
     true_ages = []
     for frame in frames:

@@ -96,7 +96,7 @@ def test_a_recording_moves_the_stage_and_holds_where_it_was(tmp_path: Path, word
     ):
         bench = tmp_path / "bench.toml"
         bench.write_text(BENCH.format(camera=camera.url, stage=grbl.path, motion=words))
-        recording = BenchRecording(bench, seconds=6.0)
+        recording = BenchRecording(bench, seconds=5.0)
         recording.connect()
         recording.run(tmp_path / "run.mcap", tare="none", offset_ms="none")
         assert grbl.overruns == 0

@@ -181,7 +181,7 @@ def test_inertia_of_a_stage_at_rest_in_the_contact_free_stretch_shows_in_the_ima
     assert not imported(0.0, 5e-4)
 
 
-@pytest.mark.parametrize("shift_s", [1.7e9, -1e3])
+@pytest.mark.parametrize("shift_s", [1.7e9, pytest.param(-1e3, marks=pytest.mark.slow)])
 def test_a_knob_log_on_another_clock_is_refused(run: Run, tmp_path: Path, shift_s: float) -> None:
     knob = tmp_path / "knob.csv"
     knob.write_text("time_s,knob_deg\n" + "".join(f"{shift_s + k},10\n" for k in range(5)))

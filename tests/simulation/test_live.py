@@ -91,7 +91,7 @@ def test_without_commands_each_stream_is_the_recorded_one_to_the_byte():
 
 
 def test_two_views_are_the_recorded_ones_to_the_byte_where_images_of_either_are_dropped():
-    clock = {"fps": 6.0, "dropped_share": 0.2}
+    clock = {"fps": 3.0, "dropped_share": 0.2}
     small = PRESETS["biplane"].model_dump() | {"width": 128, "height": 128, "view_delay_s": 0.05}
     small["world"] |= {"seconds": 8.0, "tare_s": 1.0, "clock": clock, "motion": {"peak_within_n": 5e-3}}
     biplane = FluoroSettings.model_validate(small)

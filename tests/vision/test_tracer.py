@@ -38,8 +38,17 @@ def errors(sight: DetectedShape, tube: object) -> tuple[float, float, float]:
     return float(np.median(away)), float(away.max()), abs(tubes.tip_along(sight.centreline.points, tube))
 
 
-@pytest.mark.parametrize("light", [False, True])
-@pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
+@pytest.mark.parametrize(
+    ("side", "light"),
+    [
+        ("left", False), ("top", True),
+        *(
+            pytest.param(side, light, marks=pytest.mark.slow)
+            for light, sides in ((False, ("right", "top", "bottom")), (True, ("left", "right", "bottom")))
+            for side in sides
+        ),
+    ],
+)  # fmt: skip
 def test_calibrated_on_one_frame_it_finds_others_within_a_tenth_of_a_pixel(side: str, light: bool) -> None:
     vision = ShapeDetector(auto_calibrate(VisionSettings(), [drawn(0, side, light).image]))
     assert vision.settings.base_side == side

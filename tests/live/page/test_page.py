@@ -516,7 +516,9 @@ REACHED = """(selector) => {
 }"""
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    "size", [size if size in ("phone", "zoom 400 %") else pytest.param(size, marks=pytest.mark.slow) for size in SIZES]
+)
 def test_at_every_size_all_can_be_reached_and_nothing_is_cut(browser: Browser, image: Image, size: str) -> None:
     engine, loop = FakeEngine(), FakeLoop()
     loop.start()
@@ -568,8 +570,14 @@ def axe() -> str:
     return Path(found).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("theme", ["dark", "light"])
-@pytest.mark.parametrize("size", ["phone", "laptop"])
+@pytest.mark.parametrize(
+    ("size", "theme"),
+    [
+        ("phone", "dark"),
+        ("laptop", "light"),
+        *(pytest.param(*more, marks=pytest.mark.slow) for more in (("phone", "light"), ("laptop", "dark"))),
+    ],
+)
 def test_axe_finds_nothing_in_any_state(browser: Browser, image: Image, size: str, theme: str) -> None:
     script = axe()
     engine, loop = FakeEngine(), FakeLoop()
