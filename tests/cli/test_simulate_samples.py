@@ -21,7 +21,7 @@ from tipforce.types import SimulatedClock
 
 SMALL = PRESETS["bench-2021"].model_copy(update={"width": 320, "height": 240})
 SMALL = SMALL.model_copy(update={"world": SMALL.world.model_copy(update={"tare_s": 2.0})})
-WANTED = sample_set(SMALL, seed=3, samples=22, per_session=8, seconds=8.0)
+WANTED = sample_set(SMALL, seed=3, samples=30, per_session=11, seconds=8.0)
 write = partial(write_samples, say=print, progress=lambda what, share: None, lossless=False)
 
 
@@ -42,13 +42,13 @@ def made(tmp_path_factory) -> Path:
 
 def test_as_many_samples_as_asked_for_from_sessions_that_differ(made):
     data = open_dataset(made)
-    assert len(data) == 22
-    assert [int((data.session == name).sum()) for name in data.sessions] == [8, 8, 6]
+    assert len(data) == 30
+    assert [int((data.session == name).sum()) for name in data.sessions] == [11, 11, 8]
     assert len({info.view("camera").metres_per_px for info in data.session_info.values()}) == 3
     assert all(name.startswith("bench-2021-samples-3-0000") for name in data.sessions)
     assert {tuple(each.views["camera"].shape) for each in data.observations()} == {(240, 320, 3)}
     before = data.stamp_ns < 3.5e9
-    assert 0 < before.sum() < 22
+    assert 0 < before.sum() < 30
     assert np.abs(data.force_n[before]).max() < 0.03 < np.abs(data.force_n[~before]).max()
 
 
@@ -123,7 +123,7 @@ def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_pa
     result = run("inspect", sharded, "-o", tmp_path / "sheet.png", "--json", figures)
     assert result.exit_code == 0, result.output
     found = json.loads(figures.read_text())
-    assert (found["samples"], found["sessions"], found["frames"]) == (22, 3, 22)
+    assert (found["samples"], found["sessions"], found["frames"]) == (30, 3, 30)
     assert found["share_found"] > 0.9
     assert found["forces"]["magnitude_n"]["max"] > 0.03
     svr = ["--set", "vision.base_side=left", "--set", "folds=3", "--set", "c=[1]"]
@@ -138,7 +138,7 @@ def test_inspect_train_and_evaluate_take_shards_like_any_dataset(sharded, tmp_pa
 @pytest.mark.slow
 def test_two_processes_write_the_same_bytes_and_a_whole_set_is_kept(made, tmp_path, monkeypatch):
     monkeypatch.setenv("TIPFORCE_CORES", "2")
-    options = ["--as", "dataset", "--samples", 22, "--samples-per-session", 8, "--seconds", 8, "--seed", 3, "--masks"]
+    options = ["--as", "dataset", "--samples", 30, "--samples-per-session", 11, "--seconds", 8, "--seed", 3, "--masks"]
     options += ["--set", "width=320", "--set", "height=240", "--set", "world.tare_s=2"]
     for _ in range(2):
         result = run("simulate", "-o", tmp_path / "set", "--json", tmp_path / "figures.json", *options)
