@@ -20,7 +20,7 @@ from .drawn_tubes import SIZE, draw_tubes  # type: ignore[import-not-found]
 DIAMETER, LENGTH = 10.0, 180.0
 MOUTH = np.array([60.0, 120.0])
 SESSION = SessionInfo("monday", Catheter("drawn", 0.01, 0.16, 0.02), {"camera": ViewInfo(1e-3, "left")})
-BENDS = np.linspace(-0.5, 0.5, 8)
+BENDS = np.linspace(-0.5, 0.5, 5)
 
 
 def _arc(base: np.ndarray, turn: float, length: float = LENGTH) -> np.ndarray:
@@ -96,10 +96,10 @@ def test_a_shaft_that_stands_still_while_the_images_change_is_not_the_catheter()
 
 def _posts() -> list[Image]:
     post = (_straight(-20.0, 175.0, 60.0), DIAMETER, 60.0)
-    return [draw_tubes(k, post, (_straight(200.0 + 8 * k, 240.0 + 8 * k, 180.0), 30.0, 120.0)) for k in range(8)]
+    return [draw_tubes(k, post, (_straight(200.0 + 8 * k, 240.0 + 8 * k, 180.0), 30.0, 120.0)) for k in range(5)]
 
 
-REFUSED = r"visible in 0 of 8 images|px long, the stated length is|neither moves nor bends"
+REFUSED = r"visible in 0 of 5 images|px long, the stated length is|neither moves nor bends"
 REFUSED += r"|is the catheter with a probability of 0% at most"
 
 
@@ -135,7 +135,7 @@ def test_what_is_marked_already_is_not_asked_for_again() -> None:
 
 def test_a_cable_that_something_moves_over_is_not_the_catheter() -> None:
     cable = (_straight(-20.0, 190.0, 60.0), DIAMETER, 60.0)
-    ends = np.linspace(168.0, 182.0, 8)
+    ends = np.linspace(168.0, 182.0, 5)
     images = [draw_tubes(k, cable, (_straight(end, 230.0, 60.0), 40.0, 200.0)) for k, end in enumerate(ends)]
     with pytest.raises(InputError, match=REFUSED):
         auto_calibrate(VisionSettings(), images, SESSION)
