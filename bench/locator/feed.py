@@ -21,7 +21,7 @@ PRESET_SHARE = 0.42
 """Share of the workers that draw windows from the presets' renderers; they are slower."""
 XRAY_PRESETS = ("fluoro", "biplane")
 """The names of X-ray presets begin with these."""
-_FIRST_IMAGES, _RESERVOIR_IMAGES, _WINDOWS_PER_IMAGE = 24, 240, 14
+_FIRST_IMAGES, _RESERVOIR_IMAGES, _WINDOWS_PER_IMAGE = 24, 240, 6
 
 Array = np.ndarray[Any, Any]
 

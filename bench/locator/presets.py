@@ -21,7 +21,7 @@ PRESET_IMAGE_SHARES = {
 }
 """Relative frequency of the sessions of each preset."""
 PRESETS_WITH_OTHER_INSTRUMENTS = ("fluoro-varied", "biplane-varied")
-IMAGES_PER_SESSION = 10
+IMAGES_PER_SESSION = 4
 PRESET_IMAGES_SEED = 73_000
 """First seed of the training sessions; reports use seeds below 40,000."""
 

@@ -16,8 +16,8 @@ from bench.locator.feed import labelled_images, scene_windows
 from tipforce.training.locator import REHEARSAL_FIELDS, random_scene, window
 
 WINDOWS = 192
-IMAGE_STEP = 5
-"""Every fifth image of the presets is used: two of a session."""
+IMAGE_STEP = 2
+"""Every second image of the presets is used: two of a session."""
 SEED = 500_000
 WEBP_QUALITY = 80
 

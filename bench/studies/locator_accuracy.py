@@ -30,7 +30,7 @@ from tipforce.simulation.world import FAST
 from tipforce.types import DetectedShape, FloatArray, Image, Status
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
 from tipforce.vision._by_locator import LocatorDetector
-from tipforce.vision._settings import USUAL_TIP_STD_PX
+from tipforce.vision._settings import usual_tip_std_px
 from tipforce.vision.locator._line_probability import line_features
 
 RESOLVED_ON = 16
@@ -113,18 +113,19 @@ class Tally:
 
     Args:
         name: name of the row.
-        limit_px: lines whose tip is known less exactly count as abstained.
+        hidden_tips: whether lines with a hidden tip count; if not, the usual limit of its standard deviation holds.
     """
 
-    def __init__(self, name: str, limit_px: float) -> None:
-        self._name, self._limit_px = name, limit_px
+    def __init__(self, name: str, *, hidden_tips: bool) -> None:
+        self._name, self._hidden_tips = name, hidden_tips
         self.count: Counter[str] = Counter()
         self._answered: list[Any] = []
         self._errors: list[FloatArray] = []
 
     def add(self, shape: DetectedShape, line: FloatArray, visible: np.ndarray, size: tuple[int, int]) -> None:
         """Adds one frame; see `judge`."""
-        if shape.centreline is None or shape.tip_std_px > self._limit_px:
+        limit_px = math.inf if self._hidden_tips else usual_tip_std_px(shape.diameter_px)
+        if shape.centreline is None or shape.tip_std_px > limit_px:
             self.count["abstained"] += 1
             return
         points = shape.centreline.points
@@ -178,8 +179,8 @@ def main() -> None:
     cv2.setNumThreads(1)
     preset = PRESETS[options.preset]
     preset = preset.model_copy(update={"world": preset.world.model_copy(update={"seconds": 20.0})})
-    usual = Tally("as it comes", USUAL_TIP_STD_PX)
-    every = Tally("with hidden tips", math.inf)
+    usual = Tally("as it comes", hidden_tips=False)
+    every = Tally("with hidden tips", hidden_tips=True)
     refusal = {"least_probability": 0.0} if options.features else {}
     tips, drawn = 0, {"features": [], "right": [], "session": []}
     for number in range(options.sessions):

@@ -23,7 +23,6 @@ from tipforce.simulation import PRESETS, FluoroSettings, SimulatedBench
 from tipforce.simulation.world import FAST
 from tipforce.types import DetectedShape, FloatArray, Status
 from tipforce.vision import ShapeDetector, VisionSettings, auto_calibrate
-from tipforce.vision._settings import USUAL_TIP_STD_PX
 
 SIDE_PX = 1024
 COLOURED = 14
@@ -150,7 +149,7 @@ def main() -> None:
     paths = sorted(options.folder.glob("*_[AB].png"))[: options.backgrounds]
     if not paths:
         raise SystemExit(f"{options.folder}: there is no image N_A.png or N_B.png")
-    usual, every = Tally("as it comes", USUAL_TIP_STD_PX), Tally("with hidden tips", math.inf)
+    usual, every = Tally("as it comes", hidden_tips=False), Tally("with hidden tips", hidden_tips=True)
     tips, tiles = 0, []
     for number, path in enumerate(paths):
         bench = catheter_bench(options.seed, number)

@@ -9,7 +9,7 @@ from .._system.json_files import read_json
 from ..errors import FileFormatError, InputError
 from ..geometry import tangents_and_normals
 from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status, ViewInfo
-from ._settings import USUAL_TIP_STD_PX, ResolvedVision, VisionSettings
+from ._settings import ResolvedVision, VisionSettings, usual_tip_std_px
 from .locator import (
     DETECTOR_FACTS,
     DETECTOR_GRAPHS,
@@ -179,7 +179,7 @@ class LocatorDetector:
             seen=line.seen,
             covariance_px2=covariance(line),
         )
-        limit = vision.settings.max_tip_std_px or USUAL_TIP_STD_PX
+        limit = vision.settings.max_tip_std_px or usual_tip_std_px(prior.diameter_px)
         if shape.tip_std_px > limit:
             return DetectedShape(
                 Status.CUT_OFF,

@@ -17,8 +17,10 @@ _PlacePx = Annotated[float, Field(ge=-1e9, le=1e9)]
 _FoundPx = Annotated[float, Field(gt=0, le=1e9)]
 
 
-MAX_TIP_STD_PX, USUAL_TIP_STD_PX = 1e5, 3.0
-"""No limit of the tip's standard deviation, and the one for methods that take the tip for seen."""
+MAX_TIP_STD_PX = 1e5
+"""No limit of the tip's standard deviation."""
+USUAL_TIP_STD_PX, USUAL_TIP_STD_DIAMETERS = 3.0, 0.2
+"""The limit for methods that take the tip for seen: the larger of the two."""
 
 
 class VisionSettings(BaseModel):
@@ -61,7 +63,7 @@ class VisionSettings(BaseModel):
     """Points of the centreline."""
     max_tip_std_px: Annotated[float, Field(gt=0, le=MAX_TIP_STD_PX)] | None = None
     """A frame whose tip is known less exactly than this standard deviation is refused: its tip is hidden. None: 3 px,
-    and no limit for the method `session`, which leaves hidden points out."""
+    or 0.2 diameters where these are more, and no limit for the method `session`, which leaves hidden points out."""
     detector: str | None = None
     """Folder of a locator that `tipforce annotate` fine-tuned. None: the one of the session's view, else the one that
     comes with tipforce."""
@@ -89,6 +91,15 @@ class VisionSettings(BaseModel):
     def with_hidden_tips(self) -> "VisionSettings":
         """Returns the settings for a method that leaves hidden points out; a limit that is stated stays."""
         return self.model_copy(update={"max_tip_std_px": self.max_tip_std_px or MAX_TIP_STD_PX})
+
+
+def usual_tip_std_px(diameter_px: float) -> float:
+    """Returns the limit of the tip's standard deviation where none is stated, for a shaft of ``diameter_px``.
+
+    >>> usual_tip_std_px(25.0)
+    5.0
+    """
+    return max(USUAL_TIP_STD_PX, USUAL_TIP_STD_DIAMETERS * diameter_px)
 
 
 class LocatorPrior(BaseModel):

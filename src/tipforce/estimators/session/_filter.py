@@ -153,7 +153,6 @@ class SessionFilter(LinePosterior):
             if reading is not None and contact == 1:
                 forces = np.hypot(*self._scratch.forces[: fits.found].T)
                 self.tissue.learn(reading, forces, self._scratch.by_line[: fits.found])
-                self.tissue.learn_direction(found.force.agreement)
         self._fits, self.newest = fits, found
         return found
 

@@ -35,8 +35,7 @@ _NEAR_NOTHING = 0.3
 class Mixed(NamedTuple):
     """``force_n`` (2,), ``covariance_n2`` (2, 2): over contact and none; ``contact``: probability of contact.
 
-    ``low_n``, ``high_n`` (3,): ends of the 90 % intervals of fx, fy and the magnitude. ``agreement`` (k,): likelihood
-    of each error of the direction that was read, by the line alone.
+    ``low_n``, ``high_n`` (3,): ends of the 90 % intervals of fx, fy and the magnitude.
     """
 
     force_n: FloatArray
@@ -44,30 +43,27 @@ class Mixed(NamedTuple):
     contact: float
     low_n: FloatArray
     high_n: FloatArray
-    agreement: FloatArray
 
 
 class Evidence(NamedTuple):
     """Knowledge of the force beside the line.
 
     ``log_odds``: logarithm of the Bayes factor of contact; (``towards_x``, ``towards_y``): direction of the force,
-    whose density is a sum of von Mises distributions with the ``shares`` (k,); ``strengths`` (k,): their
-    concentrations; ``heights`` (k,): their densities over that of an even one, in the direction itself; ``density``
-    (n,): of the depth, at even forces from 0 to the largest, over its mean; ``unreliable``: probability that nothing
-    of this holds.
+    whose density is the mean of von Mises distributions; ``strengths`` (k,): their concentrations; ``heights`` (k,):
+    their densities over that of an even one, in the direction itself; ``density`` (n,): of the depth, at even forces
+    from 0 to the largest, over its mean; ``unreliable``: probability that nothing of this holds.
     """
 
     log_odds: float
     towards_x: float
     towards_y: float
-    shares: FloatArray
     strengths: FloatArray
     heights: FloatArray
     density: FloatArray
     unreliable: float
 
 
-NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, np.ones(1), np.zeros(1), np.ones(1), np.ones(2), 1.0)
+NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, np.zeros(1), np.ones(1), np.ones(2), 1.0)
 
 
 @njit(cache=True, nogil=True)
@@ -92,17 +88,10 @@ def _direction_ratio(x: float, y: float, size: float, evidence: Evidence) -> flo
     """Returns the likelihood ratio of the read direction: force (x, y) of magnitude ``size`` against any direction."""
     if evidence.unreliable >= 1.0 or size <= 0.0:
         return 1.0
-    ratio = 0.0
-    for k in range(evidence.shares.size):
-        ratio += evidence.shares[k] * _von_mises_ratio(k, x, y, size, evidence)
+    cosine, ratio, count = (x * evidence.towards_x + y * evidence.towards_y) / size, 0.0, evidence.strengths.size
+    for k in range(count):
+        ratio += evidence.heights[k] * math.exp(evidence.strengths[k] * (cosine - 1.0)) / count
     return (1.0 - evidence.unreliable) * ratio + evidence.unreliable
-
-
-@njit(cache=True, nogil=True)
-def _von_mises_ratio(k: int, x: float, y: float, size: float, evidence: Evidence) -> float:
-    """Returns the ratio of `_direction_ratio` by the ``k``-th von Mises distribution of ``evidence`` alone."""
-    cosine = (x * evidence.towards_x + y * evidence.towards_y) / size
-    return evidence.heights[k] * math.exp(evidence.strengths[k] * (cosine - 1.0))
 
 
 @njit(cache=True, nogil=True)
@@ -207,7 +196,6 @@ def mixed_force(
     best = -math.inf  # subtracted from the log densities, so that exp() neither overflows nor is zero everywhere
     for i in range(found):
         best = max(best, scratch.weights[i])
-    agreement = np.zeros(evidence.shares.size)
     total_flat = total_prior = total_direction = total_evidence = 0.0
     for i in range(found):
         # the rate N/m turns a density of the force into one of the tip's position, the unknown that was integrated
@@ -226,10 +214,6 @@ def mixed_force(
                 shares[k] = density * _ACROSS_SHARE[j] * prior
                 with_direction += shares[k] * _direction_ratio(x, y, size, evidence)
                 with_prior += shares[k]
-                for error in range(agreement.size):
-                    agreement[error] += shares[k] * (
-                        _von_mises_ratio(error, x, y, size, evidence) if size > 0.0 else 1.0
-                    )
                 shares[k] *= _evidence_ratio(x, y, size, largest_n, evidence)
                 with_evidence += shares[k]
         scratch.weights[i], scratch.by_line[i], scratch.shares[i] = flat, with_direction, with_evidence
@@ -265,11 +249,7 @@ def mixed_force(
         low[a], high[a] = _quantile(points[a], order, shares, _TAIL), _quantile(points[a], order, shares, 1.0 - _TAIL)
     if contact > 0.0:
         _widen_by_profile(found, c, s, axis_x, axis_y, free, largest_n, evidence, low, high, scratch)
-    if total_prior > 0.0:
-        agreement /= total_prior
-    else:
-        agreement[:] = 1.0
-    return Mixed(mean, covariance, contact, low, high, agreement)
+    return Mixed(mean, covariance, contact, low, high)
 
 
 @njit(cache=True, nogil=True)

@@ -107,8 +107,8 @@ class ContactSettings(BaseModel):
     """Relative error of the law that links depth and force: a tissue gives way more slowly than it is pressed."""
     unreliable_share: _Share = 0.05
     """Probability that a reading is wrong by more than the network says."""
-    learnt_share: Annotated[float, Field(ge=0, le=1)] = 0.3
-    """Weight of a frame that teaches the tissue's law: errors of the shape stay for many frames."""
+    frames_learnt: Annotated[float, Field(gt=0, le=1e4)] = 1.0
+    """Number of independent frames that all frames of a session teach as much as: the errors of the shape stay."""
     visible_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """Share of sessions in which the tissue is visible."""
     largest_visible_share: Annotated[float, Field(gt=0, lt=1)] = 0.99
@@ -119,7 +119,7 @@ class ContactSettings(BaseModel):
     """Largest log odds of contact that count."""
     direction_errors_rad: Annotated[tuple[_Std, ...], Field(min_length=1)] = (0.05, 0.15, 0.35, 0.8)
     """Angle between the force and the direction that the network reads, root mean square, by the tissue's friction:
-    each of these is as probable beforehand; the session teaches which it is."""
+    each of these is as probable."""
 
 
 class RodFitSettings(BaseModel):

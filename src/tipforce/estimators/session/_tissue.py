@@ -24,8 +24,6 @@ _LAW_DEPTH_M = 2e-3
 """The stiffness of a law is that of its secant at this depth."""
 _FORCES = 161
 """Number of forces at which the density of a depth is tabulated."""
-_LEAST_SHARE = 1e-5
-"""No hypothesis is ever given up."""
 _LEAST_STRENGTH = 1e-6
 _STUDENT = 4.0
 """Degrees of freedom of the depth's error, whose distribution is Student's: outliers are frequent."""
@@ -47,42 +45,26 @@ class Tissue:
 
     Attributes:
         force_n: (n,) forces at which the density of a depth is tabulated.
-        direction_shares: (k,) probabilities of ``direction_errors_rad``.
     """
 
     def __init__(self, settings: ContactSettings, largest_n: float, stated_n_per_m: float | None) -> None:
         self._settings = settings
         self._stiffness = np.geomspace(settings.softest_n_per_m, settings.stiffest_n_per_m, _STIFFNESSES)
-        weights = np.ones((3, _STIFFNESSES))  # three laws, each as probable as the others
+        log_prior = np.zeros((3, _STIFFNESSES))  # three laws, each as probable as the others
         if stated_n_per_m is not None:  # a log-normal prior about the stated stiffness
-            distance = np.log(self._stiffness / stated_n_per_m) / settings.stated_stiffness
-            weights *= np.exp(-0.5 * distance**2)
-        self._weights = weights / weights.sum()
+            log_prior -= 0.5 * (np.log(self._stiffness / stated_n_per_m) / settings.stated_stiffness) ** 2
+        self._log_prior, self._log_likelihood, self._frames = log_prior, np.zeros(log_prior.shape), 0
+        self._shares = _normalised(log_prior)
         self._visible = settings.visible_share
-        self.direction_shares = np.full(len(settings.direction_errors_rad), 1.0 / len(settings.direction_errors_rad))
         self.force_n = np.linspace(0.0, largest_n, _FORCES)
         self._expected, self._spread = self._depth_of(self.force_n)
 
     @property
     def stiffness_n_per_m(self) -> tuple[float, float]:
         """Mean stiffness, and the standard deviation of its logarithm."""
-        share, log = self._weights.sum(axis=0), np.log(self._stiffness)
+        share, log = self._shares.sum(axis=0), np.log(self._stiffness)
         mean = float(share @ log)
         return math.exp(mean), math.sqrt(float(share @ (log - mean) ** 2))
-
-    def learn_direction(self, agreement: FloatArray) -> None:
-        """Learns from a frame how far the force is from the direction that the network reads (Bayes' rule).
-
-        The likelihood counts by less than its value (``learnt_share``), since errors stay for many frames, and never
-        excludes a hypothesis (``unreliable_share``).
-
-        Args:
-            agreement: (k,) likelihood of each of ``direction_errors_rad``, up to a factor.
-        """
-        unreliable = self._settings.unreliable_share
-        likelihood = (1.0 - unreliable) * agreement / agreement.max() + unreliable
-        self.direction_shares = self.direction_shares * likelihood**self._settings.learnt_share
-        self.direction_shares /= self.direction_shares.sum()
 
     def contact_log_odds(self, reading: ContactReading) -> float:
         """Returns the logarithm of the Bayes factor of contact."""
@@ -113,12 +95,15 @@ class Tissue:
         It is averaged over all laws and stiffnesses with their probabilities.
         """
         likelihood = _student(reading, self._expected, self._spread)
-        density = np.einsum("ls,lsf->f", self._weights, likelihood)
+        density = np.einsum("ls,lsf->f", self._shares, likelihood)
         mean = float(density.mean())
         return density / mean if mean > 0.0 else np.ones_like(density)
 
     def learn(self, reading: ContactReading, force_n: FloatArray, shares: FloatArray) -> None:
-        """Learns the law from a frame in which the shaft shows the force (Bayes' rule, see `learn_direction`).
+        """Learns the law from a frame in which the shaft shows the force; no law is ever given up.
+
+        The errors of the shape are much the same in all frames of a session. So the frames are not independent: all of
+        them together count as ``frames_learnt``, by the mean logarithm of their likelihood.
 
         Args:
             reading: the depth.
@@ -127,14 +112,20 @@ class Tissue:
         """
         expected, spread = self._depth_of(force_n)
         likelihood = _student(reading, expected, spread) @ shares
-        highest = float(likelihood.max())
+        highest, settings = float(likelihood.max()), self._settings
         if highest <= 0.0 or not math.isfinite(highest):
             return
-        unreliable = self._settings.unreliable_share
-        relative = (1.0 - unreliable) * likelihood / highest + unreliable
-        weights = self._weights * relative**self._settings.learnt_share
-        self._weights = np.maximum(weights / weights.sum(), _LEAST_SHARE / weights.size)
-        self._weights /= self._weights.sum()
+        self._frames += 1
+        self._log_likelihood += np.log(
+            (1.0 - settings.unreliable_share) * likelihood / highest + settings.unreliable_share
+        )
+        self._shares = _normalised(self._log_prior + settings.frames_learnt * self._log_likelihood / self._frames)
+
+
+def _normalised(log_shares: FloatArray) -> FloatArray:
+    """Returns the probabilities whose logarithms are ``log_shares`` up to a constant."""
+    shares = np.exp(log_shares - log_shares.max())
+    return np.asarray(shares / shares.sum(), np.float64)
 
 
 def _student(reading: ContactReading, expected: FloatArray, spread: FloatArray) -> FloatArray:
@@ -160,6 +151,6 @@ def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, setting
     # the share of the distribution inside, as of a Gaussian
     heights = 0.5 / i0e(strengths) / np.maximum(0.5, erf(0.5 * math.pi * np.sqrt(0.5 * strengths)))
     return Evidence(
-        max(-limit, min(limit, log_odds)), math.cos(towards_rad), math.sin(towards_rad), tissue.direction_shares,
-        strengths, heights, tissue.density(reading), settings.unreliable_share,
+        max(-limit, min(limit, log_odds)), math.cos(towards_rad), math.sin(towards_rad), strengths, heights,
+        tissue.density(reading), settings.unreliable_share,
     )  # fmt: skip
