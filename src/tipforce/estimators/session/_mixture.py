@@ -25,9 +25,6 @@ _PROFILE = 0.5 * 1.6448536**2
 """
 _LEAST_SHARE = 1e-3
 """Nodes with a smaller share than this do not count for the constants."""
-_HELD_SHARE = 0.05
-"""Density of pushes under which a free tip would buckle, relative to smaller ones: they need a tissue that holds the
-tip. Chosen on seed 71000, on which 1, 0.1 and 0.02 were tried."""
 _NEAR_NOTHING = 0.3
 """The density of a uniform magnitude is infinite at no force: it ends at this share of a node's distance."""
 
@@ -168,8 +165,8 @@ def mixed_force(
 
     Each node has three forces, at Gauss-Hermite points across the walk; "no contact" is one more force, zero.
 
-    The prior of the force in contact is uniform in magnitude and direction, and smaller where only a held tip carries
-    the push (`_HELD_SHARE`). It counts once, for the force of this line. For the constants the density is flat in the
+    The prior of the force in contact is uniform in magnitude and direction, also where a free tip would buckle: a
+    tissue holds the tip. It counts once, for the force of this line. For the constants the density is flat in the
     position of the tip and in the force over the stiffness, pulls included. Any other prior, counted again with every
     frame, would draw the constants to where its forces are: the limit to pushes alone moved forces across the tip's
     axis by 5 to 50 mN in a session (docs/results/session.md).
@@ -199,9 +196,7 @@ def mixed_force(
     total_flat = total_prior = total_direction = total_evidence = 0.0
     for i in range(found):
         # the rate N/m turns a density of the force into one of the tip's position, the unknown that was integrated
-        density, rate_n_per_m = math.exp(scratch.weights[i] - best), scratch.node_rates[i, 0]
-        if rate_n_per_m < 0.0:  # a free tip would buckle
-            rate_n_per_m *= -_HELD_SHARE
+        density, rate_n_per_m = math.exp(scratch.weights[i] - best), abs(scratch.node_rates[i, 0])
         flat = with_prior = with_direction = with_evidence = 0.0
         for j in range(3):
             x, y, size = _force_at(i, _ACROSS[j] * scratch.across_std[i], c, s, scratch)
