@@ -76,7 +76,7 @@ def test_truth_of_shape_and_mask_fits_the_image(runs):
             assert mask.shape == grey.shape
             around = np.zeros_like(mask)
             line = np.rint(truth.centreline_px[index]).astype(int)
-            inside = (line[:, 0] >= 0) & (line[:, 0] < 640)
+            inside = (line[:, 0] >= 0) & (line[:, 0] < mask.shape[1])
             assert mask[line[inside][:-8, 1], line[inside][:-8, 0]].mean() > 0.97
             rows, columns = np.nonzero(mask)
             around[rows.min() : rows.max(), columns.min() : columns.max()] = True
