@@ -31,7 +31,6 @@ from tipforce.estimators.session import (
     SessionFilter,
     rod_model,
 )  # fmt: skip
-from tipforce.estimators.session._mixture import _HELD_SHARE
 from tipforce.estimators.session._state import COUNT, GAIN, K0, SessionState, fill_camera_modes
 from tipforce.estimators.session._walk import Scratch, Session, make_scratch, predict, predict_held
 from tipforce.mechanics.planar import FORCE, UNKNOWNS, Line, loaded_point_aside, make_work
@@ -311,7 +310,7 @@ def by_chain(
         forces[k] = c * along - s * across, s * along + c * across
         size, angle = math.hypot(*forces[k]), theta[-1, -1]
         if forces[k] @ (math.cos(angle), math.sin(angle)) < 0.0 and size <= session.largest_n:
-            weights[k] = (rate if rate > 0.0 else -_HELD_SHARE * rate) / size
+            weights[k] = abs(rate) / size
     weights /= weights.sum()
     size = np.hypot(*forces.T)
     order = np.argsort(size)

@@ -31,7 +31,7 @@ from tipforce.estimators.session import (
     noise_unit_m,
     rod_model,
 )  # fmt: skip
-from tipforce.estimators.session._mixture import _ACROSS, _ACROSS_SHARE, _HELD_SHARE, _NEAR_NOTHING
+from tipforce.estimators.session._mixture import _ACROSS, _ACROSS_SHARE, _NEAR_NOTHING
 from tipforce.estimators.session._state import (
     COUNT,
     GAIN,
@@ -229,8 +229,7 @@ class RankedFilter(SessionFilter):
         size = np.hypot(x, y)
         pushes = x * math.cos(angle) + y * math.sin(angle) < 0.0
         counted = _ACROSS_SHARE * (size <= self._settings.prior.largest_force_n)
-        per_m = np.where(rates[:, 0] > 0.0, rates[:, 0], -_HELD_SHARE * rates[:, 0])
-        density = per_m * weights / np.maximum(counted.sum(axis=1), 1e-300)
+        density = np.abs(rates[:, 0]) * weights / np.maximum(counted.sum(axis=1), 1e-300)
         share = (density[:, None] * counted * pushes / np.hypot(size, _NEAR_NOTHING * fits.step_n)).ravel()
         if share.sum() == 0.0:
             return 1.0 - contact
