@@ -193,11 +193,11 @@ def mixed_force(
     best = -math.inf  # subtracted from the log densities, so that exp() neither overflows nor is zero everywhere
     for i in range(found):
         best = max(best, scratch.weights[i])
-    total_flat = total_prior = total_direction = total_evidence = 0.0
+    total_flat = total_direction = total_evidence = 0.0
     for i in range(found):
         # the rate N/m turns a density of the force into one of the tip's position, the unknown that was integrated
         density, rate_n_per_m = math.exp(scratch.weights[i] - best), abs(scratch.node_rates[i, 0])
-        flat = with_prior = with_direction = with_evidence = 0.0
+        flat = with_direction = with_evidence = 0.0
         for j in range(3):
             x, y, size = _force_at(i, _ACROSS[j] * scratch.across_std[i], c, s, scratch)
             k = 3 * i + j
@@ -208,18 +208,16 @@ def mixed_force(
                 prior = rate_n_per_m / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
                 shares[k] = density * _ACROSS_SHARE[j] * prior
                 with_direction += shares[k] * _direction_ratio(x, y, size, evidence)
-                with_prior += shares[k]
                 shares[k] *= _evidence_ratio(x, y, size, largest_n, evidence)
                 with_evidence += shares[k]
         scratch.weights[i], scratch.by_line[i], scratch.shares[i] = flat, with_direction, with_evidence
         total_flat += flat
         total_direction += with_direction
-        total_prior += with_prior
         total_evidence += with_evidence
     contact = 0.0
-    if total_prior > 0.0 and total_flat > 0.0:
+    if total_direction > 0.0 and total_flat > 0.0:
         # both densities are integrals of exp(-cost); the common factors of the other unknowns cancel
-        log_touching = math.log(total_prior * step_n * math.sqrt(2.0 * math.pi)) + best
+        log_touching = math.log(total_direction * step_n * math.sqrt(2.0 * math.pi)) + best
         log_free = -free.cost - 0.5 * free.log_det if free.ok else -math.inf
         log_odds = max(-60.0, min(60.0, log_touching - log_free + prior_odds + evidence.log_odds))
         contact = 1.0 / (1.0 + math.exp(-log_odds))
