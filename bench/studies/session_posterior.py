@@ -9,10 +9,11 @@
 ``lines`` simulates sessions of a preset and draws no image: the true centreline is projected through the true camera
 and gets an error like that of detected lines (`CENTRELINE_NOISE` of ``bench-2021``, the lasting part drawn once a
 session). ``detect`` draws the images (5 a second) and stores the shapes that vision detects in them, hidden tips
-included. ``score`` gives these lines and the knob's readings to a method and keeps its estimate for every
-``--every``-th frame in contact. ``images`` draws the images (5 a second) and gives them to `fusion` without a limit of
-the error, as a user would; with ``--true-lines`` the true line with its error takes the place of detection. With
-``--measured`` base, camera and knob of the bench are measured as well as `MEASURED` states.
+included, and the readings of the image at the tip. ``score`` gives these lines and the knob's readings to a method, and
+to `fusion` the readings of the tip, and keeps its estimate for every ``--every``-th frame in contact. ``images`` draws
+the images (5 a second) and gives them to `fusion` without a limit of the error, as a user would; with ``--true-lines``
+the true line with its error takes the place of detection. With ``--measured`` base, camera and knob of the bench are
+measured as well as `MEASURED` states.
 ``--known`` gives the truth in place of priors: ``base`` (position and direction of the base, and the camera), ``knob``
 (these and the curvature of the unloaded shaft), ``all`` (these, stiffness and length).
 ``table`` prints errors in all frames and by force and angle. Coverage is also shown as the range of its standard error
@@ -49,6 +50,7 @@ from tipforce.mechanics import LineNoise
 from tipforce.simulation import PRESETS, SimulatedBench, SimulationSettings
 from tipforce.types import CentrelinePx, DetectedShape, FloatArray, Observation, SessionInfo, Status
 from tipforce.vision import SessionDetector, VisionSettings
+from tipforce.vision.contact import ContactReader, ContactReading
 
 KNOWN = ("nothing", "base", "knob", "all")
 WRONG_N = 0.05
@@ -93,6 +95,7 @@ class Lines:
         seed: seed and number of the session.
         shapes: (n) shapes that vision detects; None: the lines are true ones.
         tip_visible: (n,) whether the tip is visible in the image, with ``shapes``.
+        readings: (n,) the geometry of the contact that a network reads at the tip, with ``shapes``.
     """
 
     info: SessionInfo
@@ -112,6 +115,7 @@ class Lines:
     seed: tuple[int, int]
     shapes: Sequence[DetectedShape] | None = None
     tip_visible: np.ndarray | None = None
+    readings: Sequence[ContactReading | None] | None = None
 
     @classmethod
     def detected(cls, preset: str, seed: int, number: int) -> "Lines":
@@ -125,14 +129,19 @@ class Lines:
             VisionSettings(max_tip_std_px=ANY_STD_PX), bench.session_info,
             [bench.frame(int(rows[k]), view).image for k in wanted],
         )  # fmt: skip
-        shapes = [detector.detect(bench.frame(int(k), view).image) for k in rows]
+        reader, scale = ContactReader(), whole.info.view(view).metres_per_px
+        shapes, readings = list[DetectedShape](), list[ContactReading | None]()
+        for k in rows:
+            image = bench.frame(int(k), view).image
+            shapes.append(detector.detect(image))
+            readings.append(reader.read(image, shapes[-1], scale) if scale else None)
         visible = [bool(np.asarray(bench.image_truth(int(k), view).visible, bool)[-3:].all()) for k in rows]
         part = {
             name: value[rows]
             for name in (each.name for each in fields(cls))
             if isinstance(value := getattr(whole, name), np.ndarray)
         }
-        return replace(whole, **part, shapes=shapes, tip_visible=np.array(visible))
+        return replace(whole, **part, shapes=shapes, tip_visible=np.array(visible), readings=readings)
 
     @classmethod
     def of(cls, preset: str, seed: int, number: int) -> "Lines":
@@ -255,8 +264,9 @@ def frame_of(lines: Lines) -> LineFrame:
 METHODS: dict[str, tuple[type[Any], RodSettings]] = {
     "rod": (Rod, RodSettings()),
     "rod-track": (RodTrack, RodTrackSettings()),
+    "fusion": (Fusion, FusionSettings(max_error_n=None)),
 }
-WITH_MEMORY = ("rod-track",)
+WITH_MEMORY = ("rod-track", "fusion")
 
 
 def estimates_of(lines: Lines, method: str, known: str) -> Callable[[int, DetectedShape], Estimate]:
@@ -278,11 +288,12 @@ def estimates_of(lines: Lines, method: str, known: str) -> Callable[[int, Detect
             assert self.shape is not None
             return Detected(self.shape, frame) if self.shape.found else Abstention(self.shape.status, "")
 
-    given = _Given()
-    stream._detection = given
+    given, reading = _Given(), list[ContactReading | None]([None])
+    stream._detection, stream._contact_reading = given, lambda *_: reading[0]
 
     def estimate(index: int, shape: DetectedShape) -> Estimate:
         given.shape = shape
+        reading[0] = lines.readings[index] if lines.readings else None
         stamp = int(lines.time_s[index] * 1e9)
         found = stream.update(Observation(stamp, {}, {"knob_deg": float(lines.knob_deg[index])}))
         return (*found.force_n[:2].tolist(), *found.magnitude_interval_n.tolist(), found.contact)

@@ -178,7 +178,7 @@ def test_calibrated_widths_multiply_intervals_and_covariance() -> None:
     force, std = np.array([-0.2, 0.1]), np.array([0.02, 0.01])
     size = math.hypot(*force)
     low, high = np.append(force - 1.645 * std, size - 0.03), np.append(force + 1.645 * std, size + 0.03)
-    mixed = Mixed(force, np.diag(std**2), 1.0, low, high, np.ones(1))
+    mixed = Mixed(force, np.diag(std**2), 1.0, low, high)
     one, two = Widths().estimate(0, mixed, None), Widths(2.0, 3.0, 2.0).estimate(0, mixed, None)
     assert np.ptp(two.interval_n[:2], axis=1) == pytest.approx([2.0, 3.0] * np.ptp(one.interval_n[:2], axis=1))
     assert np.ptp(two.magnitude_interval_n) == pytest.approx(2.0 * np.ptp(one.magnitude_interval_n))
