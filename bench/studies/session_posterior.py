@@ -261,6 +261,20 @@ def frame_of(lines: Lines) -> LineFrame:
     return LineFrame(lines.size_px, view.base_side or "left", view.metres_per_px, first[0])
 
 
+class _GivenLine:
+    """Takes the place of the detection: the line of the frame that is set, and the reading of the tip's image."""
+
+    def __init__(self, frame: LineFrame) -> None:
+        self.frame = frame
+        self.shape = DetectedShape(Status.NO_CATHETER, "")
+        self.reading: ContactReading | None = None
+
+    def read(self, observation: Observation) -> Detected | Abstention:
+        """Returns the line."""
+        del observation
+        return Detected(self.shape, self.frame) if self.shape.found else Abstention(self.shape.status, "")
+
+
 METHODS: dict[str, tuple[type[Any], RodSettings]] = {
     "rod": (Rod, RodSettings()),
     "rod-track": (RodTrack, RodTrackSettings()),
@@ -275,25 +289,12 @@ def estimates_of(lines: Lines, method: str, known: str) -> Callable[[int, Detect
     settings = settings.model_copy(update={"prior": lines.prior(known, settings.prior)})
     lines = lines.knowing(known)
     stream: Any = kind(settings).start(lines.info)
-    frame = frame_of(lines)
-
-    class _Given:
-        """Takes the place of the detection."""
-
-        shape: DetectedShape | None = None
-
-        def read(self, observation: Observation) -> Detected | Abstention:
-            """Returns the line of the frame."""
-            del observation
-            assert self.shape is not None
-            return Detected(self.shape, frame) if self.shape.found else Abstention(self.shape.status, "")
-
-    given, reading = _Given(), list[ContactReading | None]([None])
-    stream._detection, stream._contact_reading = given, lambda *_: reading[0]
+    given = _GivenLine(frame_of(lines))
+    stream._detection, stream._contact_reading = given, lambda *_: given.reading
 
     def estimate(index: int, shape: DetectedShape) -> Estimate:
         given.shape = shape
-        reading[0] = lines.readings[index] if lines.readings else None
+        given.reading = lines.readings[index] if lines.readings else None
         stamp = int(lines.time_s[index] * 1e9)
         found = stream.update(Observation(stamp, {}, {"knob_deg": float(lines.knob_deg[index])}))
         return (*found.force_n[:2].tolist(), *found.magnitude_interval_n.tolist(), found.contact)
@@ -329,19 +330,6 @@ def score(lines: Lines, method: str, known: str, every: int, draw: int = 0) -> d
         "estimate": [row[1:] for row in rows],
         "tip_seen": [shapes[k].tip_seen for k in wanted.tolist()],
     }  # fmt: skip
-
-
-class _GivenLine:
-    """Takes the place of the detection: the line of the frame that is set."""
-
-    def __init__(self, frame: LineFrame) -> None:
-        self.frame = frame
-        self.shape = DetectedShape(Status.NO_CATHETER, "")
-
-    def read(self, observation: Observation) -> Detected | Abstention:
-        """Returns the line."""
-        del observation
-        return Detected(self.shape, self.frame)
 
 
 def measured_bench(settings: SimulationSettings) -> SimulationSettings:

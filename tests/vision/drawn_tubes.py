@@ -2,11 +2,19 @@
 
 import cv2
 import numpy as np
+import pytest
 
 from tipforce.types import Image
 
 SIZE, SCALE = (320, 240), 4
 """Width and height of the images, px, and the finer scale on which they are drawn."""
+
+SIDES_AND_LIGHT = [
+    ("left", False), ("top", True),
+    *(pytest.param(side, False, marks=pytest.mark.slow) for side in ("right", "top", "bottom")),
+    *(pytest.param(side, True, marks=pytest.mark.slow) for side in ("left", "right", "bottom")),
+]  # fmt: skip
+"""Sides of the base, and whether the tube is lighter than the ground: all eight; the quick tests take two."""
 
 
 def draw_tubes(seed: int, *tubes: tuple[np.ndarray, float, float], light: bool = False) -> Image:

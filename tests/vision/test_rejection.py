@@ -15,7 +15,7 @@ from tipforce.vision import (
     auto_calibrate,
 )
 
-from .drawn_tubes import SIZE, draw_tubes  # type: ignore[import-not-found]
+from .drawn_tubes import SIDES_AND_LIGHT, SIZE, draw_tubes  # type: ignore[import-not-found]
 
 DIAMETER, LENGTH = 10.0, 180.0
 MOUTH = np.array([60.0, 120.0])
@@ -41,17 +41,7 @@ def _sheathed(light: bool = False, grey: float = 90.0) -> tuple[list[Image], lis
     return [draw_tubes(k, (shaft, DIAMETER, 60.0), sheath, light=light) for k, shaft in enumerate(shafts)], shafts
 
 
-@pytest.mark.parametrize(
-    ("side", "light"),
-    [
-        ("left", False), ("top", True),
-        *(
-            pytest.param(side, light, marks=pytest.mark.slow)
-            for light, sides in ((False, ("right", "top", "bottom")), (True, ("left", "right", "bottom")))
-            for side in sides
-        ),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("side", "light"), SIDES_AND_LIGHT)
 def test_the_base_lies_at_the_mouth_of_a_sheath(side: BaseSide, light: bool) -> None:
     images, shafts = _sheathed(light)
     width = SIZE[0]

@@ -21,6 +21,7 @@ from tipforce.vision import (
 )
 
 from .conftest import load  # type: ignore[import-not-found]
+from .drawn_tubes import SIDES_AND_LIGHT  # type: ignore[import-not-found]
 
 tubes = load("tubes")
 KNOWN = VisionSettings(polarity="dark", base_side="left", diameter_px=12.0)
@@ -38,17 +39,7 @@ def errors(sight: DetectedShape, tube: object) -> tuple[float, float, float]:
     return float(np.median(away)), float(away.max()), abs(tubes.tip_along(sight.centreline.points, tube))
 
 
-@pytest.mark.parametrize(
-    ("side", "light"),
-    [
-        ("left", False), ("top", True),
-        *(
-            pytest.param(side, light, marks=pytest.mark.slow)
-            for light, sides in ((False, ("right", "top", "bottom")), (True, ("left", "right", "bottom")))
-            for side in sides
-        ),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("side", "light"), SIDES_AND_LIGHT)
 def test_calibrated_on_one_frame_it_finds_others_within_a_tenth_of_a_pixel(side: str, light: bool) -> None:
     vision = ShapeDetector(auto_calibrate(VisionSettings(), [drawn(0, side, light).image]))
     assert vision.settings.base_side == side
