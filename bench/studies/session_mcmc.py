@@ -31,6 +31,7 @@ from tipforce.estimators.session import (
     SessionFilter,
     rod_model,
 )  # fmt: skip
+from tipforce.estimators.session._mixture import is_possible
 from tipforce.estimators.session._state import COUNT, GAIN, K0, SessionState, fill_camera_modes
 from tipforce.estimators.session._walk import Scratch, Session, make_scratch, predict, predict_held
 from tipforce.mechanics.planar import FORCE, UNKNOWNS, Line, loaded_point_aside, make_work
@@ -43,7 +44,7 @@ PER_FRAME = 3
 SETTINGS = RodTrackSettings(
     prior=PriorSettings(creep=0.0, creep_std=1e-5, knob_play_deg=0.0, contact_share=0.5), friction_s=1e-3,
     update_s=0.0, line_error_s=1e6, knob_drift=1e-6, base_walk_m=0.0, base_walk_deg=0.0, contact_s=1e6, gap_s=1e6,
-    huber=1e3, max_misfit=1e3, across_error_n=0.0, noise=NoiseSettings(level_frames=1e6),
+    direction_s=0.0, huber=1e3, max_misfit=1e3, across_error_n=0.0, noise=NoiseSettings(level_frames=1e6),
 )  # fmt: skip
 
 
@@ -309,7 +310,7 @@ def by_chain(
         along, (across, rate) = sample[SHARED + PER_FRAME * (len(lines) - 1)], reaction[-1].tolist()
         forces[k] = c * along - s * across, s * along + c * across
         size, angle = math.hypot(*forces[k]), theta[-1, -1]
-        if forces[k] @ (math.cos(angle), math.sin(angle)) < 0.0 and size <= session.largest_n:
+        if is_possible(*forces[k], size, math.cos(angle), math.sin(angle), session.largest_n):
             weights[k] = abs(rate) / size
     weights /= weights.sum()
     size = np.hypot(*forces.T)

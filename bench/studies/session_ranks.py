@@ -6,7 +6,8 @@ The metadata are those of a preset's sessions. Constants, slow states, force and
 model's own priors, so that nothing but the inference can be wrong. A rank is the posterior probability of a smaller
 magnitude than the true one: in each tenth of the range there should be a tenth of the frames. Ranks come from the
 posterior, the intervals are those that `SessionFilter` returns, widened to all forces that explain the line.
-Forces for which the rod has no stable shape are drawn again. Source: Talts et al., Validating Bayesian inference
+Forces for which the rod has no stable shape are drawn again. Each frame has a direction of its own, so none is
+remembered. Source: Talts et al., Validating Bayesian inference
 algorithms with simulation-based calibration, 2018.
 """
 
@@ -31,7 +32,7 @@ from tipforce.estimators.session import (
     noise_unit_m,
     rod_model,
 )  # fmt: skip
-from tipforce.estimators.session._mixture import _ACROSS, _ACROSS_SHARE, _NEAR_NOTHING
+from tipforce.estimators.session._mixture import _ACROSS, _ACROSS_SHARE, _NEAR_NOTHING, MOST_PULL
 from tipforce.estimators.session._state import (
     COUNT,
     GAIN,
@@ -149,8 +150,8 @@ class World:
             q[:FORCE] = share * force
             if not predict(q, self._session, line, scratch):
                 return None
-        theta = scratch.rod.theta
-        if math.hypot(*force) > 0.0 and force @ (math.cos(theta[-1]), math.sin(theta[-1])) > 0.0:
+        size, theta = math.hypot(*force), scratch.rod.theta
+        if size > 0.0 and force @ (math.cos(theta[-1]), math.sin(theta[-1])) >= MOST_PULL * size:
             return None
         points = self._projected(scratch.rod.nodes, middle)
         error = self._unwhiten @ self._rng.standard_normal(POINTS + 1)
@@ -227,7 +228,7 @@ class RankedFilter(SessionFilter):
         along = np.broadcast_to(forces[:, 1:], across.shape)
         x, y = fits.c * along - fits.s * across, fits.s * along + fits.c * across
         size = np.hypot(x, y)
-        pushes = x * math.cos(angle) + y * math.sin(angle) < 0.0
+        pushes = x * math.cos(angle) + y * math.sin(angle) < MOST_PULL * size
         counted = _ACROSS_SHARE * (size <= self._settings.prior.largest_force_n)
         density = np.abs(rates[:, 0]) * weights / np.maximum(counted.sum(axis=1), 1e-300)
         share = (density[:, None] * counted * pushes / np.hypot(size, _NEAR_NOTHING * fits.step_n)).ravel()
@@ -250,7 +251,7 @@ def session(preset: str, seed: int, number: int) -> dict[str, Any]:
     Returns:
         Figures of its frames, and normal scores of constants at its end.
     """
-    settings = RodTrackSettings()
+    settings = RodTrackSettings(direction_s=0.0)
     info = SimulatedBench(PRESETS[preset], seed, number, resolution=FAST).session_info
     rng = np.random.default_rng([seed, number, 80])
     world = World(settings, info, rng)

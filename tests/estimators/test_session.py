@@ -145,6 +145,19 @@ def test_a_line_that_a_push_along_the_shaft_explains_as_well_teaches_both_cases(
     assert shares[-1] == 0.0
 
 
+@pytest.mark.parametrize("free", [0, 4])
+@pytest.mark.parametrize("force", [(-0.65, 0.5), (-0.4, -1.0), (-0.9, 0.6)])
+def test_a_force_beyond_the_largest_is_refused_and_not_called_none(force: tuple[float, float], free: int) -> None:
+    state = session()
+    for _ in range(free):
+        see(state, (0.0, 0.0), elapsed_s=1.0)
+    found = see(state, force)
+    assert found.impossible
+    assert not found.explained
+    after = see(state, (-0.12, 0.1)).force
+    assert after.low_n[2] < math.hypot(0.12, 0.1) < after.high_n[2]
+
+
 def test_frames_in_contact_do_not_move_the_stiffness() -> None:
     """The shape shows force over stiffness: a prior of the force that counts with each frame would move it."""
     state = session()

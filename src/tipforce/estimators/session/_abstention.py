@@ -4,7 +4,7 @@ import math
 
 from ...types import ForceEstimate, SessionInfo, Status
 from .._reading import Abstention
-from ._settings import RodFitSettings
+from ._settings import RodFitSettings, RodSettings
 
 
 def late_frame(stamp_ns: int, newest_ns: int | None) -> ForceEstimate | None:
@@ -56,6 +56,19 @@ def unexplained(settings: RodFitSettings, misfit: float, off: float | None = Non
             f"max_misfit = {settings.max_misfit:g}"
         )
     return Abstention(Status.OUT_OF_DISTRIBUTION, text)
+
+
+def impossible(settings: RodSettings) -> Abstention:
+    """Returns the abstention where the line shows a force that the prior excludes.
+
+    Args:
+        settings: settings of the method.
+    """
+    return Abstention(
+        Status.OUT_OF_DISTRIBUTION,
+        f"the shape shows a force that is larger than prior.largest_force_n = {settings.prior.largest_force_n:g} N, or "
+        "that pulls at the tip",
+    )
 
 
 def too_noisy(settings: RodFitSettings, level: float) -> Abstention | None:

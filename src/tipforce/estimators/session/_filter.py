@@ -13,6 +13,7 @@ from scipy.special import expit
 from ...mechanics.planar import Line, Model
 from ...types import FloatArray, SessionInfo
 from ...vision.contact import ContactReading
+from ._direction import SessionDirection
 from ._knowledge import Knowledge
 from ._lines import StatedErrors
 from ._mixture import Mixed, mixed_constants
@@ -85,6 +86,7 @@ class SessionFilter(LinePosterior):
         self._last_n: FloatArray | None = None
         self._share, self._crept_per_m = self._knowledge.contact_share, np.zeros(self._model.segments + 1)
         self._waited_s, self._lost_s, self._advance_m = math.inf, 0.0, 0.0
+        self._direction, self._unlearnt_s = SessionDirection(), math.inf
 
     def step(
         self,
@@ -99,7 +101,8 @@ class SessionFilter(LinePosterior):
         """Returns the force from the next line of the session, and learns from it.
 
         In this order: predict constants and probability of contact to this time; fit the line; then learn the level of
-        the noise, the visibility of the tissue and, from some clear frames, the constants and the tissue's law.
+        the noise, the visibility of the tissue, the direction of the force and, from some clear frames, the constants
+        and the tissue's law.
 
         Args:
             line: the line.
@@ -115,6 +118,7 @@ class SessionFilter(LinePosterior):
         """
         settings = self._over_time
         self._waited_s += elapsed_s
+        self._unlearnt_s += elapsed_s
         self._lost_s += elapsed_s
         if self.state is None or scale != self._scale or self._lost_s > settings.gap_s:
             self._start()
@@ -137,6 +141,8 @@ class SessionFilter(LinePosterior):
         if found.explained:
             self._lost_s = 0.0
             self._follow(found.force, fits, elapsed_s)
+        elif found.impossible:
+            self._last_n = None  # the next line is fitted from the straight rod on, not from this bent shape
         if math.isfinite(found.misfit):
             self._level.add(found.misfit, elapsed_s)
         if self._level.factor > _GROWN * self._begun_factor:
@@ -145,6 +151,9 @@ class SessionFilter(LinePosterior):
         clear = abs(found.force.contact - contact) < _UNCLEAR and (contact == 1 or fits.free.ok)
         if reading is not None:
             self.tissue.look(reading, elapsed_s / settings.update_s if settings.update_s else 1.0)
+        if found.explained and clear and contact == 1 and settings.direction_s:
+            self._direction.learn(self._scratch.directions, self._unlearnt_s / settings.direction_s)
+            self._unlearnt_s = 0.0
         if found.explained and clear and self._waited_s >= settings.update_s:
             touch_cost = float(self._scratch.costs[: fits.found].min()) if fits.found else math.inf
             share = taught_contact(found.force.contact, found.force.high_n[-1], fits.free.cost, touch_cost)

@@ -13,7 +13,7 @@ from numba import njit
 
 from ...mechanics.planar import FORCE, solve_in
 from ...types import FloatArray, IntArray
-from ._walk import NODES, Fit, Scratch
+from ._walk import DIRECTIONS, NODES, Fit, Scratch
 
 _ACROSS = np.array([-math.sqrt(3.0), 0.0, math.sqrt(3.0)])
 _ACROSS_SHARE = np.array([1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0])
@@ -25,6 +25,15 @@ _PROFILE = 0.5 * 1.6448536**2
 """
 _LEAST_SHARE = 1e-3
 """Nodes with a smaller share than this do not count for the constants."""
+_MOST_FRICTION = 0.3
+"""The normal of a tissue at the dome is at most 90 degrees from the tip's axis. Friction turns the force further."""
+MOST_PULL = math.sin(math.atan(_MOST_FRICTION))
+"""Largest share of a force in contact that pulls along the tip's axis."""
+DIRECTIONS_RAD = math.pi + 2.0 * math.atan(_MOST_FRICTION)
+"""Angle that the directions of a force in contact fill, about the tip's axis."""
+EVEN_DIRECTIONS = np.ones(DIRECTIONS)
+_HALVINGS = 6
+"""Steps of the search for the last possible force between two nodes."""
 _NEAR_NOTHING = 0.3
 """The density of a uniform magnitude is infinite at no force: it ends at this share of a node's distance."""
 
@@ -32,7 +41,8 @@ _NEAR_NOTHING = 0.3
 class Mixed(NamedTuple):
     """``force_n`` (2,), ``covariance_n2`` (2, 2): over contact and none; ``contact``: probability of contact.
 
-    ``low_n``, ``high_n`` (3,): ends of the 90 % intervals of fx, fy and the magnitude.
+    ``low_n``, ``high_n`` (3,): ends of the 90 % intervals of fx, fy and the magnitude. ``excess``: cost of the best
+    possible hypothesis over that of the best force at all; see `is_possible`.
     """
 
     force_n: FloatArray
@@ -40,6 +50,7 @@ class Mixed(NamedTuple):
     contact: float
     low_n: FloatArray
     high_n: FloatArray
+    excess: float
 
 
 class Evidence(NamedTuple):
@@ -48,7 +59,8 @@ class Evidence(NamedTuple):
     ``log_odds``: logarithm of the Bayes factor of contact; (``towards_x``, ``towards_y``): direction of the force,
     whose density is the mean of von Mises distributions; ``strengths`` (k,): their concentrations; ``heights`` (k,):
     their densities over that of an even one, in the direction itself; ``density`` (n,): of the depth, at even forces
-    from 0 to the largest, over its mean; ``unreliable``: probability that nothing of this holds.
+    from 0 to the largest, over its mean; ``unreliable``: probability that nothing of this holds; ``directions``
+    (DIRECTIONS,): density of the direction by the frames before, over an even one.
     """
 
     log_odds: float
@@ -58,9 +70,16 @@ class Evidence(NamedTuple):
     heights: FloatArray
     density: FloatArray
     unreliable: float
+    directions: FloatArray
 
 
-NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, np.zeros(1), np.ones(1), np.ones(2), 1.0)
+NO_EVIDENCE = Evidence(0.0, 1.0, 0.0, np.zeros(1), np.ones(1), np.ones(2), 1.0, EVEN_DIRECTIONS)
+
+
+@njit(cache=True, nogil=True)
+def _bin_of(x: float, y: float) -> int:
+    """Returns the bin, of `DIRECTIONS`, of the direction (x, y)."""
+    return int((math.atan2(y, x) / (2.0 * math.pi) + 0.5) * DIRECTIONS) % DIRECTIONS
 
 
 @njit(cache=True, nogil=True)
@@ -70,14 +89,14 @@ def _evidence_ratio(x: float, y: float, size: float, largest_n: float, evidence:
     (``x``, ``y``) is the force, ``size`` its magnitude, N. The table ``evidence.density`` ends at ``largest_n``.
     """
     if evidence.unreliable >= 1.0:
-        return 1.0
+        return evidence.directions[_bin_of(x, y)]
     count = evidence.density.size
     position = size / largest_n * (count - 1)  # in the table of densities, between whose values we interpolate
     below = min(int(position), count - 2)
     part = min(1.0, position - below)
     depth_ratio = (1.0 - part) * evidence.density[below] + part * evidence.density[below + 1]
     reliable_ratio = (1.0 - evidence.unreliable) * depth_ratio + evidence.unreliable
-    return reliable_ratio * _direction_ratio(x, y, size, evidence)
+    return reliable_ratio * _direction_ratio(x, y, size, evidence) * evidence.directions[_bin_of(x, y)]
 
 
 @njit(cache=True, nogil=True)
@@ -107,6 +126,8 @@ def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: fl
     """
     sum_below, last_level, last_value = 0.0, -1.0, values[order[0]]  # level -1: no point with a share yet
     for k in order:
+        if shares[k] == 0.0:
+            continue
         point_level = sum_below + 0.5 * shares[k]
         if point_level >= level:
             if last_level < 0.0 or point_level <= last_level:
@@ -114,9 +135,36 @@ def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: fl
             part = (level - last_level) / (point_level - last_level)
             return float(last_value + part * (values[k] - last_value))
         sum_below += shares[k]
-        if shares[k] > 0.0:
-            last_level, last_value = point_level, values[k]
+        last_level, last_value = point_level, values[k]
     return float(last_value)
+
+
+@njit(cache=True, nogil=True)
+def is_possible(x: float, y: float, size: float, axis_x: float, axis_y: float, largest_n: float) -> bool:
+    """Returns whether a tissue can push so: not along the tip's axis (``axis_x``, ``axis_y``), but for friction."""
+    return x * axis_x + y * axis_y < MOST_PULL * size and size <= largest_n
+
+
+@njit(cache=True, nogil=True)
+def _last_possible(
+    here: tuple[float, float, float], there: tuple[float, float, float], axis_x: float, axis_y: float, largest_n: float
+) -> tuple[float, float, float]:
+    """Returns the last possible force on the way from ``here`` to ``there``, each x, y and magnitude.
+
+    See `is_possible`. A magnitude of -1: neither end is possible.
+    """
+    if is_possible(*there, axis_x, axis_y, largest_n):
+        return there
+    if not is_possible(*here, axis_x, axis_y, largest_n):
+        return 0.0, 0.0, -1.0
+    for _ in range(_HALVINGS):
+        x, y = 0.5 * (here[0] + there[0]), 0.5 * (here[1] + there[1])
+        middle = x, y, math.hypot(x, y)
+        if is_possible(*middle, axis_x, axis_y, largest_n):
+            here = middle
+        else:
+            there = middle
+    return here
 
 
 @njit(cache=True, nogil=True)
@@ -129,7 +177,8 @@ def _widen_by_profile(
     Where the shape shows nothing of a force, the prior alone would decide the quantiles, in favour of no contact.
     `_PROFILE` is the allowed difference of the costs. ``low`` and ``high`` (3,) are the ends for fx, fy and the
     magnitude, N, changed in place. A force in contact pushes against the tip's axis, the unit vector (``axis_x``,
-    ``axis_y``), and is at most ``largest_n``. For ``found``, ``free`` and ``evidence`` see `mixed_force`.
+    ``axis_y``), but for friction, and is at most ``largest_n``. For ``found``, ``free`` and ``evidence`` see
+    `mixed_force`.
     """
     free_cost = free.cost + evidence.log_odds
     best = free_cost if free.ok else math.inf
@@ -146,11 +195,20 @@ def _widen_by_profile(
         spare_cost = best + _PROFILE - costs[i]
         if spare_cost < 0.0:
             continue
+        here = _force_at(i, 0.0, c, s, scratch)
         # across the walk the cost is quadratic: it rises by 0.5 (distance / std)^2
         reach_n = scratch.across_std[i] * math.sqrt(2.0 * spare_cost)
-        for side in (-1.0, 0.0, 1.0):
-            x, y, size = _force_at(i, side * reach_n, c, s, scratch)
-            if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
+        for towards in range(5):
+            there = here
+            if towards < 2:
+                there = _force_at(i, reach_n if towards else -reach_n, c, s, scratch)
+            elif towards < 4:
+                k = i + 2 * towards - 5
+                if k < 0 or k >= found or costs[k] > best + _PROFILE:
+                    continue
+                there = _force_at(k, 0.0, c, s, scratch)
+            x, y, size = _last_possible(here, there, axis_x, axis_y, largest_n)
+            if size >= 0.0:
                 low[0], high[0] = min(low[0], x), max(high[0], x)
                 low[1], high[1] = min(low[1], y), max(high[1], y)
                 low[2], high[2] = min(low[2], size), max(high[2], size)
@@ -176,13 +234,14 @@ def mixed_force(
         step_n: their distance.
         c: cosine of the direction of the walk.
         s: its sine.
-        angle: of the tip's axis, rad: forces in contact push at the tip.
+        angle: of the tip's axis, rad: forces in contact push at the tip, but for friction.
         free: fit without a force.
         prior_odds: logarithm of the odds of contact beforehand.
         largest_n: the prior of the force ends here.
         evidence: knowledge beside the line: direction and depth that a network read at the tip.
         scratch: the nodes. Their shares become: ``weights``, for the constants, without any prior of the force;
-            ``by_line``, with this prior and the read direction; ``shares``, with the read depth as well.
+            ``by_line``, with this prior and the directions; ``shares``, with the read depth as well. ``directions``
+            become those of this line.
 
     Returns:
         The force, its probability of contact, and its intervals.
@@ -190,24 +249,33 @@ def mixed_force(
     count = 3 * found
     points, shares = np.zeros((3, count + 1)), np.zeros(count + 1)  # rows: fx, fy, magnitude
     axis_x, axis_y = math.cos(angle), math.sin(angle)
+    scratch.directions[:] = 0.0
     best = -math.inf  # subtracted from the log densities, so that exp() neither overflows nor is zero everywhere
     for i in range(found):
         best = max(best, scratch.weights[i])
     total_flat = total_direction = total_evidence = 0.0
+    lowest_possible = free.cost if free.ok else math.inf
+    lowest = lowest_possible
     for i in range(found):
         # the rate N/m turns a density of the force into one of the tip's position, the unknown that was integrated
         density, rate_n_per_m = math.exp(scratch.weights[i] - best), abs(scratch.node_rates[i, 0])
         flat = with_direction = with_evidence = 0.0
+        lowest = min(lowest, scratch.costs[i])
         for j in range(3):
             x, y, size = _force_at(i, _ACROSS[j] * scratch.across_std[i], c, s, scratch)
             k = 3 * i + j
             points[0, k], points[1, k], points[2, k] = x, y, size
             if size <= largest_n:
                 flat += density * _ACROSS_SHARE[j]
-            if x * axis_x + y * axis_y < 0.0 and size <= largest_n:
-                prior = rate_n_per_m / (math.pi * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
+            if is_possible(x, y, size, axis_x, axis_y, largest_n):
+                if _ACROSS[j] == 0.0:
+                    lowest_possible = min(lowest_possible, scratch.costs[i])
+                prior = rate_n_per_m / (DIRECTIONS_RAD * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
                 shares[k] = density * _ACROSS_SHARE[j] * prior
-                with_direction += shares[k] * _direction_ratio(x, y, size, evidence)
+                read = shares[k] * _direction_ratio(x, y, size, evidence)
+                place = _bin_of(x, y)
+                scratch.directions[place] += read
+                with_direction += read * evidence.directions[place]
                 shares[k] *= _evidence_ratio(x, y, size, largest_n, evidence)
                 with_evidence += shares[k]
         scratch.weights[i], scratch.by_line[i], scratch.shares[i] = flat, with_direction, with_evidence
@@ -242,7 +310,8 @@ def mixed_force(
         low[a], high[a] = _quantile(points[a], order, shares, _TAIL), _quantile(points[a], order, shares, 1.0 - _TAIL)
     if contact > 0.0:
         _widen_by_profile(found, c, s, axis_x, axis_y, free, largest_n, evidence, low, high, scratch)
-    return Mixed(mean, covariance, contact, low, high)
+    excess = lowest_possible - lowest if lowest < math.inf else 0.0
+    return Mixed(mean, covariance, contact, low, high, excess)
 
 
 @njit(cache=True, nogil=True)

@@ -9,6 +9,7 @@ import numpy as np
 from ...mechanics.planar import FORCE, Line, Model, fit_line, inverse, loaded_point_aside, make_work, solve_in
 from ...types import FloatArray, SessionInfo
 from ...vision.contact import ContactReading, tip_axis
+from ._direction import SessionDirection
 from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
 from ._lines import POINTS, StatedErrors
 from ._mixture import NO_EVIDENCE, Mixed, mixed_force
@@ -26,6 +27,8 @@ _COLD_STEPS, _STEPS, _FREE_STEPS = 60, 25, 8
 """Largest number of steps; in contact no step makes a rod without force fit, so few are tried."""
 _LEAST_CONTACT = 0.01
 """Where contact is less probable, a fit of contact that fails does not count."""
+_MOST_EXCESS = 4.5
+"""Where no possible force explains the line within this of the best one, 3 standard deviations, there is no answer."""
 _REFITS, _NOISY_MISFIT = 2, 1.5
 """A line is fitted again with more noise, this often at most, while its mean square misfit is larger than this."""
 
@@ -34,7 +37,8 @@ class Posterior(NamedTuple):
     """``force``: see `Mixed`; ``misfit``: mean square, of the better hypothesis, in the noise's variances.
 
     ``off``: mean square of the constants' distance from the priors of the session, in these priors' variances;
-    ``explained``: whether the rod explains the line; ``level``: of the noise relative to the stated one.
+    ``explained``: whether the rod explains the line; ``level``: of the noise relative to the stated one;
+    ``impossible``: whether the line shows a force that is larger than the prior's largest, or that pulls.
     """
 
     force: Mixed
@@ -42,6 +46,7 @@ class Posterior(NamedTuple):
     off: float
     explained: bool
     level: float
+    impossible: bool = False
 
 
 class Hypotheses(NamedTuple):
@@ -77,6 +82,7 @@ class LinePosterior:
 
     def __init__(self, settings: RodSettings, knowledge: Knowledge, model: Model, info: SessionInfo) -> None:
         self.tissue = Tissue(settings.contact, settings.prior.largest_force_n, info.tissue.stiffness_n_per_m)
+        self._direction = SessionDirection()
         self._settings, self._knowledge, self._model, self._info = settings, knowledge, model, info
         self._scratch = make_scratch(make_work(model, POINTS, COUNT), COUNT)
         self._cold_work = make_work(model, POINTS, ROD)
@@ -135,17 +141,23 @@ class LinePosterior:
     def _result(self, fits: Hypotheses, force: Mixed) -> Posterior:
         """Adds to the force the check whether the rod explains the line.
 
-        The better of the fits without and with a force counts. The squares of its misfit and of the constants'
-        distance from their priors are limited together, per measurement of the line: a fit must not buy a small misfit
-        with improbable constants.
+        The better of the fits without and with a force counts, with a force where the walk has nodes. The squares of
+        its misfit and of the constants' distance from their priors are limited together, per measurement of the line: a
+        fit must not buy a small misfit with improbable constants.
         """
-        chi2, q = min((fits.free.chi2, fits.free_q), (fits.touch.chi2, fits.touch_q), key=lambda each: each[0])
+        chi2, q = fits.free.chi2, fits.free_q
+        if fits.found and fits.touch.chi2 < chi2:
+            chi2, q = fits.touch.chi2, fits.touch_q
         from_prior = q[FORCE:ROD] - self._prior_mean
         prior_chi2 = float(from_prior @ self._prior_information @ from_prior)
         free_counts = fits.free.ok and force.contact < _LEAST_CONTACT
         fits_well = chi2 + prior_chi2 <= self._settings.max_misfit * self._rows
         explained = fits_well and (fits.found > 0 or free_counts)
-        return Posterior(force, chi2 / self._rows, prior_chi2 / len(from_prior), explained, self._factor)
+        impossible = force.excess > _MOST_EXCESS
+        return Posterior(
+            force, chi2 / self._rows, prior_chi2 / len(from_prior), explained and not impossible, self._factor,
+            impossible,
+        )  # fmt: skip
 
     def _lay_out_noise(self, level: float, *, begins: bool) -> None:
         """Sets the line's noise to ``level`` times the stated one; ``begins``: a session begins with it."""
@@ -263,12 +275,13 @@ class LinePosterior:
         """Returns the force by the fits and the reading of the tip's image; ``share``: prior probability of contact."""
         rod_axis_rad = float(self._shapes["touch" if fits.found else "free"][-1])
         evidence = NO_EVIDENCE
-        if (
-            reading is not None
-        ):  # its direction counts from the tip's axis in the line, here turned to the clamp's frame
+        if reading is not None:
+            # its direction counts from the tip's axis in the line, here turned to the clamp's frame
             base_rad = float((fits.touch_q if fits.found else fits.free_q)[ANGLE])
             line_axis_rad = tip_axis(line.points, 1.0) - base_rad
             evidence = evidence_of(reading, line_axis_rad, self.tissue, self._settings.contact)
+        if fits.found:
+            evidence = evidence._replace(directions=self._direction.density(rod_axis_rad))
         return mixed_force(
             fits.found, fits.step_n, fits.c, fits.s, rod_axis_rad, fits.free, math.log(share / (1.0 - share)),
             self._settings.prior.largest_force_n, evidence, self._scratch,

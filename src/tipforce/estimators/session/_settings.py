@@ -19,7 +19,8 @@ class RodPriors(BaseModel):
     contact_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """Share of frames in which the tip touches."""
     largest_force_n: _Std = 0.8
-    """The magnitude of a force in contact is uniform up to this, its angle to the tip's axis up to 90 degrees."""
+    """The magnitude of a force in contact is uniform up to this, its direction over all pushes at the tip, with
+    friction. Where the shape shows a larger one, there is no answer."""
     friction: _Std = 0.19
     """Friction acts at the surface of the tip's dome, not through its centre. Its lever: this times the radius, one
     standard deviation (root mean square of a friction coefficient between 0.05 and 0.3)."""
@@ -186,5 +187,8 @@ class RodTrackSettings(RodSettings, OverTimeSettings):
     """Random walk of the clamp's direction in a second."""
     advance_late_s: Annotated[float, Field(ge=0, le=1)] = 5e-3
     """Standard deviation of the time between an image and the reading of the clamp's advance that belongs to it."""
+    direction_s: Annotated[float, Field(ge=0, le=1e4)] = 20.0
+    """How long the direction of the force is remembered, 0: not at all; 10, 20 and 60 s gave nearly the same on seeds
+    103000 and 104000."""
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""

@@ -16,7 +16,7 @@ from scipy.special import erf, i0e
 
 from ...types import FloatArray
 from ...vision.contact import DEPTH_M, ContactReading
-from ._mixture import Evidence
+from ._mixture import DIRECTIONS_RAD, EVEN_DIRECTIONS, Evidence
 from ._settings import ContactSettings
 
 _STIFFNESSES = 36
@@ -147,10 +147,11 @@ def evidence_of(reading: ContactReading, tip_rad: float, tissue: Tissue, setting
     limit, towards_rad = settings.largest_log_odds, tip_rad - reading.turn_rad  # the image's angles turn the other way
     # 1 / concentration is a variance: that of the reading, and that between its direction and the force
     strengths = 1.0 / (1.0 / max(reading.strength, _LEAST_STRENGTH) + np.square(settings.direction_errors_rad))
-    # a tissue pushes: the directions fill half a circle, and heights are densities over an even one there; the erf is
-    # the share of the distribution inside, as of a Gaussian
-    heights = 0.5 / i0e(strengths) / np.maximum(0.5, erf(0.5 * math.pi * np.sqrt(0.5 * strengths)))
+    # a tissue pushes: heights are densities over an even one in the directions of a push; the erf is the share of the
+    # distribution in these, as of a Gaussian
+    share_inside = np.maximum(0.5, erf(0.5 * DIRECTIONS_RAD * np.sqrt(0.5 * strengths)))
+    heights = DIRECTIONS_RAD / (2.0 * math.pi) / i0e(strengths) / share_inside
     return Evidence(
         max(-limit, min(limit, log_odds)), math.cos(towards_rad), math.sin(towards_rad), strengths, heights,
-        tissue.density(reading), settings.unreliable_share,
+        tissue.density(reading), settings.unreliable_share, EVEN_DIRECTIONS,
     )  # fmt: skip

@@ -37,6 +37,8 @@ EXTRA = 3
 """Unknowns behind those of the rod and the lasting errors of the line: see `Session`."""
 NODES = 49
 """Largest number of nodes."""
+DIRECTIONS = 90
+"""Number of bins of the force's direction, from -pi to pi."""
 _K0, _EI, _CREEP = (UNKNOWNS.index(name) for name in ("precurvature_per_m", "stiffness", "creep"))
 _GAIN, _PLAY, _LEVER = -3, -2, -1
 """The `EXTRA` unknowns, counted from the end."""
@@ -109,6 +111,8 @@ class Scratch(NamedTuple):
     """(NODES,): shares of the nodes in the force of the line; ``weights`` are those for the constants."""
     by_line: FloatArray
     """(NODES,): the same without the depth that a network read: by the line and the read direction."""
+    directions: FloatArray
+    """(DIRECTIONS,): likelihood of each direction of the force by line and read direction, up to a factor."""
 
 
 def make_scratch(rod: Work, unknowns: int) -> Scratch:
@@ -122,7 +126,7 @@ def make_scratch(rod: Work, unknowns: int) -> Scratch:
         rod, np.zeros(unknowns), np.zeros(rod.theta.size), np.zeros(unknowns), np.zeros(unknowns),
         np.zeros((NODES, 2)), np.zeros((NODES, unknowns)), np.zeros((NODES, unknowns, unknowns)), np.zeros(NODES),
         np.zeros(NODES), np.zeros(NODES), np.zeros(unknowns), np.zeros((NODES, unknowns)), np.zeros(NODES),
-        np.zeros(NODES),
+        np.zeros(NODES), np.zeros(DIRECTIONS),
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from .._base import PlanarRodEstimator, Progress, Stream, no_progress
 from .._builder import within_error
 from .._session_metadata import UninformedStream
 from .._values import StoredArrays, StoredFiles, StoredValues
-from ._abstention import actuation_out_of_range, late_frame, too_noisy, unexplained
+from ._abstention import actuation_out_of_range, impossible, late_frame, too_noisy, unexplained
 from ._calibration import Widths, calibrated_widths, without_widths
 from ._detection import Detected, Detection
 from ._facts import PriorFacts, RodFacts
@@ -154,7 +154,9 @@ class _LineStream:
         """Returns the estimate of a frame; invalid where the noise, the rod's misfit or the interval is too large."""
         settings, shape = self._settings, self._detection.shape
         unfit = too_noisy(settings, found.level)
-        if not found.explained:
+        if found.impossible:
+            unfit = impossible(settings)
+        elif not found.explained:
             unfit = unexplained(settings, found.misfit, found.off)
         if unfit:
             return ForceEstimate.invalid(stamp_ns, unfit.status, unfit.detail, shape)
