@@ -84,7 +84,7 @@ def _bin_of(x: float, y: float) -> int:
 
 @njit(cache=True, nogil=True)
 def _evidence_ratio(x: float, y: float, size: float, largest_n: float, evidence: Evidence) -> float:
-    """Returns the likelihood ratio of the read depth and direction: this force against any force in contact.
+    """Returns the likelihood ratio of the evidence in contact (not its log odds): this force against any force.
 
     (``x``, ``y``) is the force, ``size`` its magnitude, N. The table ``evidence.density`` ends at ``largest_n``.
     """
@@ -168,6 +168,14 @@ def _last_possible(
 
 
 @njit(cache=True, nogil=True)
+def _stretch(force: tuple[float, float, float], low: FloatArray, high: FloatArray) -> None:
+    """Widens the intervals ``low`` to ``high`` (3,) to a force: x, y, magnitude; -1 changes nothing."""
+    if force[2] >= 0.0:
+        for k in range(3):
+            low[k], high[k] = min(low[k], force[k]), max(high[k], force[k])
+
+
+@njit(cache=True, nogil=True)
 def _widen_by_profile(
     found: int, c: float, s: float, axis_x: float, axis_y: float, free: Fit, largest_n: float, evidence: Evidence,
     low: FloatArray, high: FloatArray, scratch: Scratch,
@@ -198,20 +206,13 @@ def _widen_by_profile(
         here = _force_at(i, 0.0, c, s, scratch)
         # across the walk the cost is quadratic: it rises by 0.5 (distance / std)^2
         reach_n = scratch.across_std[i] * math.sqrt(2.0 * spare_cost)
-        for towards in range(5):
-            there = here
-            if towards < 2:
-                there = _force_at(i, reach_n if towards else -reach_n, c, s, scratch)
-            elif towards < 4:
-                k = i + 2 * towards - 5
-                if k < 0 or k >= found or costs[k] > best + _PROFILE:
-                    continue
+        for side in (-1.0, 0.0, 1.0):
+            there = _force_at(i, side * reach_n, c, s, scratch)
+            _stretch(_last_possible(here, there, axis_x, axis_y, largest_n), low, high)
+        for k in (i - 1, i + 1):  # the last possible force may be between two nodes
+            if 0 <= k < found and costs[k] <= best + _PROFILE:
                 there = _force_at(k, 0.0, c, s, scratch)
-            x, y, size = _last_possible(here, there, axis_x, axis_y, largest_n)
-            if size >= 0.0:
-                low[0], high[0] = min(low[0], x), max(high[0], x)
-                low[1], high[1] = min(low[1], y), max(high[1], y)
-                low[2], high[2] = min(low[2], size), max(high[2], size)
+                _stretch(_last_possible(here, there, axis_x, axis_y, largest_n), low, high)
 
 
 @njit(cache=True, nogil=True)
