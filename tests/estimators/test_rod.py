@@ -178,7 +178,7 @@ def test_calibrated_widths_multiply_intervals_and_covariance() -> None:
     force, std = np.array([-0.2, 0.1]), np.array([0.02, 0.01])
     size = math.hypot(*force)
     low, high = np.append(force - 1.645 * std, size - 0.03), np.append(force + 1.645 * std, size + 0.03)
-    mixed = Mixed(force, np.diag(std**2), 1.0, low, high)
+    mixed = Mixed(force, np.diag(std**2), 1.0, low, high, 0.0)
     one, two = Widths().estimate(0, mixed, None), Widths(2.0, 3.0, 2.0).estimate(0, mixed, None)
     assert np.ptp(two.interval_n[:2], axis=1) == pytest.approx([2.0, 3.0] * np.ptp(one.interval_n[:2], axis=1))
     assert np.ptp(two.magnitude_interval_n) == pytest.approx(2.0 * np.ptp(one.magnitude_interval_n))
@@ -227,7 +227,7 @@ def test_how_well_the_bench_is_known_is_the_prior_and_narrows_the_interval() -> 
         assert covariance[4, 4] == pytest.approx(catheter.flexible_length_uncertainty**2)
         assert covariance[1, 1] == pytest.approx(catheter.bending_stiffness_uncertainty**2 + 0.025**2)
         assert covariance[5, 5] == settings.prior.scale**2, "of which nothing is said"
-        widths.append(np.ptp(answer(detected((-0.05, 0.15)), info=info).magnitude_interval_n))
+        widths.append(np.ptp(answer(detected((-0.2, 0.2)), info=info).magnitude_interval_n))
     assert widths[1] > 1.2 * widths[0]
     learnt = replace(known, sessions=6)
     covariance = learnt.for_session(settings, replace(INFO, catheter=poor), 10.0)[1]
