@@ -32,7 +32,7 @@ from tipforce.estimators.session import (
     noise_unit_m,
     rod_model,
 )  # fmt: skip
-from tipforce.estimators.session._mixture import _ACROSS, _ACROSS_SHARE, _NEAR_NOTHING, MOST_PULL
+from tipforce.estimators.session._mixture import _ACROSS, _ACROSS_SHARE, _NEAR_NOTHING, is_possible
 from tipforce.estimators.session._state import (
     COUNT,
     GAIN,
@@ -151,7 +151,8 @@ class World:
             if not predict(q, self._session, line, scratch):
                 return None
         size, theta = math.hypot(*force), scratch.rod.theta
-        if size > 0.0 and force @ (math.cos(theta[-1]), math.sin(theta[-1])) >= MOST_PULL * size:
+        largest_n = self._settings.prior.largest_force_n
+        if size > 0.0 and not is_possible(*force, size, math.cos(theta[-1]), math.sin(theta[-1]), largest_n):
             return None
         points = self._projected(scratch.rod.nodes, middle)
         error = self._unwhiten @ self._rng.standard_normal(POINTS + 1)
@@ -228,8 +229,9 @@ class RankedFilter(SessionFilter):
         along = np.broadcast_to(forces[:, 1:], across.shape)
         x, y = fits.c * along - fits.s * across, fits.s * along + fits.c * across
         size = np.hypot(x, y)
-        pushes = x * math.cos(angle) + y * math.sin(angle) < MOST_PULL * size
-        counted = _ACROSS_SHARE * (size <= self._settings.prior.largest_force_n)
+        largest_n = self._settings.prior.largest_force_n
+        pushes = np.vectorize(is_possible)(x, y, size, math.cos(angle), math.sin(angle), largest_n)
+        counted = _ACROSS_SHARE * (size <= largest_n)
         density = np.abs(rates[:, 0]) * weights / np.maximum(counted.sum(axis=1), 1e-300)
         share = (density[:, None] * counted * pushes / np.hypot(size, _NEAR_NOTHING * fits.step_n)).ravel()
         if share.sum() == 0.0:

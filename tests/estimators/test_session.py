@@ -255,24 +255,36 @@ def test_a_knob_that_turns_far_puts_the_mechanism_at_the_end_of_its_play() -> No
     assert state.covariance[GAIN, GAIN] == pytest.approx(SETTINGS.prior.knob_gain**2)
 
 
+def given(force: tuple[float, float], settings: RodTrackSettings = SETTINGS) -> Any:
+    """A stream whose detection finds the same line in each frame."""
+    stream: Any = RodTrack(settings).start(INFO)
+
+    class Given:
+        shape = DetectedShape(Status.VALID, "", CentrelinePx(image_of(force)))
+
+        def read(self, observation: Observation) -> Detected:
+            return Detected(self.shape, FRAME)
+
+    stream._detection = Given()
+    return stream
+
+
 def test_the_one_rule_of_abstention_is_the_width_of_the_interval() -> None:
     estimates = []
     for limit in (None, 1e-3):
-        stream: Any = RodTrack(RodTrackSettings(max_error_n=limit)).start(INFO)
-
-        class Given:
-            shape = DetectedShape(Status.VALID, "", CentrelinePx(image_of((-0.1, 0.08))))
-
-            def read(self, observation: Observation) -> Detected:
-                return Detected(self.shape, FRAME)
-
-        stream._detection = Given()
+        stream = given((-0.1, 0.08), RodTrackSettings(max_error_n=limit))
         estimates.append(stream.update(Observation(0, {}, {"knob_deg": 10.0})))
         assert stream.update(Observation(0, {}, {"knob_deg": 10.0})).status is Status.STALE
     free, narrow = estimates
     assert free.valid
     assert narrow.status is Status.UNOBSERVABLE
     assert narrow.upper_n == pytest.approx(free.magnitude_interval_n[1])
+
+
+def test_the_refusal_of_a_force_beyond_the_largest_states_the_limit() -> None:
+    estimate = given((-0.65, 0.5)).update(Observation(0, {}, {"knob_deg": 10.0}))
+    assert estimate.status is Status.OUT_OF_DISTRIBUTION
+    assert "larger than prior.largest_force_n = 0.8 N" in estimate.detail
 
 
 HIDDEN = 16

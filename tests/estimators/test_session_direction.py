@@ -8,7 +8,7 @@ import pytest
 from tests.estimators.test_session import FRAME, FRAME_S, SCALE, image_of, see, session
 
 from tipforce.estimators.session import Posterior, SessionFilter
-from tipforce.estimators.session._direction import SessionDirection
+from tipforce.estimators.session._direction import CENTRES_RAD, SessionDirection
 from tipforce.estimators.session._walk import DIRECTIONS
 from tipforce.types import CentrelinePx, FloatArray
 
@@ -17,12 +17,11 @@ KNOB_DEG = 1.0
 
 
 def shares_about(direction_rad: float) -> FloatArray:
-    angles = (np.arange(DIRECTIONS) + 0.5) * 2.0 * math.pi / DIRECTIONS - math.pi
-    return np.exp(50.0 * (np.cos(angles - direction_rad) - 1.0))
+    return np.exp(50.0 * (np.cos(CENTRES_RAD - direction_rad) - 1.0))
 
 
 def most_likely_rad(direction: SessionDirection, tip_rad: float = 0.0) -> float:
-    return (int(direction.density(tip_rad).argmax()) + 0.5) * 2.0 * math.pi / DIRECTIONS - math.pi
+    return float(CENTRES_RAD[direction.density(tip_rad).argmax()])
 
 
 @cache
@@ -75,8 +74,7 @@ def test_only_directions_that_push_share_the_probability() -> None:
     direction = SessionDirection()
     direction.learn(shares_about(math.pi), 0.0)
     density = direction.density(0.0)
-    angles = (np.arange(DIRECTIONS) + 0.5) * 2.0 * math.pi / DIRECTIONS - math.pi
-    assert density[np.abs(angles) > math.pi / 2.0 - math.atan(0.3)].mean() == pytest.approx(1.0)
+    assert density[np.abs(CENTRES_RAD) > math.pi / 2.0 - math.atan(0.3)].mean() == pytest.approx(1.0)
 
 
 def test_a_frame_without_likelihood_teaches_nothing() -> None:

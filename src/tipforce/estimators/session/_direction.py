@@ -21,7 +21,8 @@ _FRAMES_LEARNT = 0.5
 on seeds 103000 and 104000: with 1 the intervals of pushes within 20 degrees of the axis held 82 % instead of 86."""
 _OTHER_SHARE = 0.1
 """Probability that the direction has nothing to do with the one before; 0.05, 0.1, 0.2 and 0.3 were tried there."""
-_CENTRE_RAD = (np.arange(DIRECTIONS) + 0.5) * (2.0 * math.pi / DIRECTIONS) - math.pi
+CENTRES_RAD = (np.arange(DIRECTIONS) + 0.5) * (2.0 * math.pi / DIRECTIONS) - math.pi
+"""(DIRECTIONS,): middle of each bin."""
 
 
 class SessionDirection:
@@ -54,5 +55,5 @@ class SessionDirection:
         if self._weight == 0.0:
             return EVEN_DIRECTIONS
         density = np.exp(_FRAMES_LEARNT * self._log_likelihood)
-        possible = -np.cos(_CENTRE_RAD - tip_rad) > math.cos(0.5 * DIRECTIONS_RAD)
+        possible = -np.cos(CENTRES_RAD - tip_rad) > math.cos(0.5 * DIRECTIONS_RAD)
         return (1.0 - _OTHER_SHARE) * density / density[possible].mean() + _OTHER_SHARE

@@ -27,7 +27,7 @@ _LEAST_SHARE = 1e-3
 """Nodes with a smaller share than this do not count for the constants."""
 _MOST_FRICTION = 0.3
 """The normal of a tissue at the dome is at most 90 degrees from the tip's axis. Friction turns the force further."""
-MOST_PULL = math.sin(math.atan(_MOST_FRICTION))
+_MOST_PULL = math.sin(math.atan(_MOST_FRICTION))
 """Largest share of a force in contact that pulls along the tip's axis."""
 DIRECTIONS_RAD = math.pi + 2.0 * math.atan(_MOST_FRICTION)
 """Angle that the directions of a force in contact fill, about the tip's axis."""
@@ -83,20 +83,19 @@ def _bin_of(x: float, y: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _evidence_ratio(x: float, y: float, size: float, largest_n: float, evidence: Evidence) -> float:
-    """Returns the likelihood ratio of the evidence in contact (not its log odds): this force against any force.
+def _depth_ratio(size: float, largest_n: float, evidence: Evidence) -> float:
+    """Returns the likelihood ratio of the read depth: a force of this magnitude against any force in contact.
 
-    (``x``, ``y``) is the force, ``size`` its magnitude, N. The table ``evidence.density`` ends at ``largest_n``.
+    The table ``evidence.density`` ends at ``largest_n``.
     """
     if evidence.unreliable >= 1.0:
-        return evidence.directions[_bin_of(x, y)]
+        return 1.0
     count = evidence.density.size
     position = size / largest_n * (count - 1)  # in the table of densities, between whose values we interpolate
     below = min(int(position), count - 2)
     part = min(1.0, position - below)
     depth_ratio = (1.0 - part) * evidence.density[below] + part * evidence.density[below + 1]
-    reliable_ratio = (1.0 - evidence.unreliable) * depth_ratio + evidence.unreliable
-    return reliable_ratio * _direction_ratio(x, y, size, evidence) * evidence.directions[_bin_of(x, y)]
+    return (1.0 - evidence.unreliable) * depth_ratio + evidence.unreliable
 
 
 @njit(cache=True, nogil=True)
@@ -142,7 +141,7 @@ def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: fl
 @njit(cache=True, nogil=True)
 def is_possible(x: float, y: float, size: float, axis_x: float, axis_y: float, largest_n: float) -> bool:
     """Returns whether a tissue can push so: not along the tip's axis (``axis_x``, ``axis_y``), but for friction."""
-    return x * axis_x + y * axis_y < MOST_PULL * size and size <= largest_n
+    return x * axis_x + y * axis_y < _MOST_PULL * size and size <= largest_n
 
 
 @njit(cache=True, nogil=True)
@@ -193,7 +192,8 @@ def _widen_by_profile(
     costs = np.empty(found)
     for i in range(found):
         x, y, size = _force_at(i, 0.0, c, s, scratch)
-        costs[i] = scratch.costs[i] - math.log(_evidence_ratio(x, y, size, largest_n, evidence))
+        ratio = _depth_ratio(size, largest_n, evidence) * _direction_ratio(x, y, size, evidence)
+        costs[i] = scratch.costs[i] - math.log(ratio * evidence.directions[_bin_of(x, y)])
         best = min(best, costs[i])
     if free.ok and free_cost <= best + _PROFILE:
         low[2] = 0.0
@@ -272,12 +272,12 @@ def mixed_force(
                 if _ACROSS[j] == 0.0:
                     lowest_possible = min(lowest_possible, scratch.costs[i])
                 prior = rate_n_per_m / (DIRECTIONS_RAD * largest_n * math.hypot(size, _NEAR_NOTHING * step_n))
-                shares[k] = density * _ACROSS_SHARE[j] * prior
-                read = shares[k] * _direction_ratio(x, y, size, evidence)
+                share = density * _ACROSS_SHARE[j] * prior * _direction_ratio(x, y, size, evidence)
                 place = _bin_of(x, y)
-                scratch.directions[place] += read
-                with_direction += read * evidence.directions[place]
-                shares[k] *= _evidence_ratio(x, y, size, largest_n, evidence)
+                scratch.directions[place] += share
+                share *= evidence.directions[place]
+                with_direction += share
+                shares[k] = share * _depth_ratio(size, largest_n, evidence)
                 with_evidence += shares[k]
         scratch.weights[i], scratch.by_line[i], scratch.shares[i] = flat, with_direction, with_evidence
         total_flat += flat

@@ -37,8 +37,7 @@ class Posterior(NamedTuple):
     """``force``: see `Mixed`; ``misfit``: mean square, of the better hypothesis, in the noise's variances.
 
     ``off``: mean square of the constants' distance from the priors of the session, in these priors' variances;
-    ``explained``: whether the rod explains the line; ``level``: of the noise relative to the stated one;
-    ``impossible``: whether the line shows a force that is larger than the prior's largest, or that pulls.
+    ``explained``: whether the rod explains the line; ``level``: of the noise relative to the stated one.
     """
 
     force: Mixed
@@ -46,7 +45,11 @@ class Posterior(NamedTuple):
     off: float
     explained: bool
     level: float
-    impossible: bool = False
+
+    @property
+    def impossible(self) -> bool:
+        """Whether the line shows a force that is larger than the prior's largest, or that pulls."""
+        return self.force.excess > _MOST_EXCESS
 
 
 class Hypotheses(NamedTuple):
@@ -152,12 +155,8 @@ class LinePosterior:
         prior_chi2 = float(from_prior @ self._prior_information @ from_prior)
         free_counts = fits.free.ok and force.contact < _LEAST_CONTACT
         fits_well = chi2 + prior_chi2 <= self._settings.max_misfit * self._rows
-        explained = fits_well and (fits.found > 0 or free_counts)
-        impossible = force.excess > _MOST_EXCESS
-        return Posterior(
-            force, chi2 / self._rows, prior_chi2 / len(from_prior), explained and not impossible, self._factor,
-            impossible,
-        )  # fmt: skip
+        explained = fits_well and (fits.found > 0 or free_counts) and force.excess <= _MOST_EXCESS
+        return Posterior(force, chi2 / self._rows, prior_chi2 / len(from_prior), explained, self._factor)
 
     def _lay_out_noise(self, level: float, *, begins: bool) -> None:
         """Sets the line's noise to ``level`` times the stated one; ``begins``: a session begins with it."""
