@@ -12,6 +12,7 @@ from tipforce.estimators._session_detection import DetectedLine
 from tipforce.estimators.space import Rod3d, SpaceSettings, space
 from tipforce.estimators.space._cameras import Reference, ViewLine, base_axes_px, turns
 from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, FIRST_VIEW, SHAPE, Constants, errors_of_view
+from tipforce.estimators.space._direction import SpaceDirection
 from tipforce.estimators.space._filter import SpaceFilter, SpaceResult, ViewShape, rod_of
 from tipforce.estimators.space._mixture import mixed_force
 from tipforce.estimators.space._motion import MAX_LINE_AGE_S, LineMemory, ShownLine, whitened_with_motion
@@ -234,7 +235,7 @@ def test_an_interval_is_open_where_the_grid_ends_on_a_push_that_explains_the_lin
         cost = np.array([0.0, 0.0, 0.1, 0.2, last_cost])
         covariance = np.tile(1e-6 * np.eye(FIRST_VIEW), (5, 1, 1))
         nodes = Nodes(np.eye(3), 1, 0.04, pushes, cost, covariance, -cost, np.tile([1.0, 0.0, 0.0], (5, 1)))
-        force, _ = mixed_force([nodes], free, 0.0, 0.8)
+        force, *_ = mixed_force([nodes], free, 0.0, 0.8, SpaceDirection())
         ends.append(float(force.high_n[3]))
         assert force.low_n[0] == pytest.approx(-force.high_n[3], abs=1e-3)
     assert ends == [0.8, pytest.approx(0.222, abs=2e-3)]

@@ -6,6 +6,7 @@ Methods: `rod` (one frame) and `rod-track` (all frames so far).
 from ._abstention import actuation_out_of_range, late_frame, too_noisy, unexplained
 from ._calibration import LEAST_STD_N, Widths, errors_over_reach, without_widths
 from ._detection import Detected, Detection
+from ._direction import DirectionMemory
 from ._facts import RodFacts
 from ._filter import SessionFilter
 from ._knowledge import (
@@ -20,7 +21,7 @@ from ._knowledge import (
 )  # fmt: skip
 from ._limits import ForceLimits, Limit, LimitsTally
 from ._lines import POINTS, LineFrame, StatedErrors
-from ._mixture import Mixed
+from ._mixture import DIRECTIONS_RAD, MOST_PULL, Mixed
 from ._noise_level import NoiseLevel
 from ._posterior import Posterior
 from ._settings import (
@@ -35,13 +36,16 @@ from ._settings import (
 from .rod import Rod, RodTrack, RodTrackStream
 
 __all__ = [
+    "DIRECTIONS_RAD",
     "LEAST_STD_N",
     "MODES",
+    "MOST_PULL",
     "POINTS",
     "STIFFNESS_LEFT_OUT",
     "ContactSettings",
     "Detected",
     "Detection",
+    "DirectionMemory",
     "ForceLimits",
     "Knowledge",
     "Limit",

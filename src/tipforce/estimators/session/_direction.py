@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from ...types import FloatArray
-from ._mixture import DIRECTIONS_RAD, EVEN_DIRECTIONS
+from ._mixture import DIRECTIONS_RAD
 from ._walk import DIRECTIONS
 
 _KERNEL_BINS = 1.4
@@ -25,20 +25,19 @@ CENTRES_RAD = (np.arange(DIRECTIONS) + 0.5) * (2.0 * math.pi / DIRECTIONS) - mat
 """(DIRECTIONS,): middle of each bin."""
 
 
-class SessionDirection:
-    """The direction of the force by the last frames in contact."""
+class DirectionMemory:
+    """Likelihood of the force's direction by the last frames in contact, for each of ``bins`` directions."""
 
-    def __init__(self) -> None:
-        self._log_likelihood, self._weight = np.zeros(DIRECTIONS), 0.0
+    def __init__(self, bins: int) -> None:
+        self._log_likelihood, self._weight = np.zeros(bins), 0.0
 
-    def learn(self, shares: FloatArray, elapsed: float) -> None:
-        """Learns from a frame in contact.
+    def add(self, likelihood: FloatArray, elapsed: float) -> None:
+        """Adds a frame in contact.
 
         Args:
-            shares: (DIRECTIONS,) likelihood of each direction in this frame; a common factor does not count.
-            elapsed: time since the last frame that taught, in the time for which a direction is remembered.
+            likelihood: (bins,) of each direction in this frame; a common factor does not count.
+            elapsed: time since the last frame that was added, in the time for which a direction is remembered.
         """
-        likelihood = gaussian_filter1d(shares, _KERNEL_BINS, mode="wrap")
         highest = float(likelihood.max())
         if not 0.0 < highest < math.inf:
             return
@@ -46,14 +45,34 @@ class SessionDirection:
         newest = np.log((1.0 - _OTHER_SHARE) * likelihood / highest + _OTHER_SHARE)
         self._log_likelihood += (newest - self._log_likelihood) / self._weight
 
+    def over_prior(self, prior: FloatArray) -> FloatArray:
+        """Returns the density (bins,) of the next frame's direction over its prior (bins,), up to a factor."""
+        if self._weight == 0.0:
+            return np.ones(len(prior))
+        density = np.exp(_FRAMES_LEARNT * self._log_likelihood)
+        return (1.0 - _OTHER_SHARE) * density / ((density @ prior) / prior.sum()) + _OTHER_SHARE
+
+
+class SessionDirection(DirectionMemory):
+    """The direction of the force, in the frame of the clamp, by the last frames in contact."""
+
+    def __init__(self) -> None:
+        super().__init__(DIRECTIONS)
+
+    def learn(self, shares: FloatArray, elapsed: float) -> None:
+        """Learns from a frame in contact.
+
+        Args:
+            shares: (DIRECTIONS,) likelihood of each direction in this frame; a common factor does not count.
+            elapsed: see `add`.
+        """
+        self.add(gaussian_filter1d(shares, _KERNEL_BINS, mode="wrap"), elapsed)
+
     def density(self, tip_rad: float) -> FloatArray:
         """Returns the density (DIRECTIONS,) of the force's direction in the next frame, over an even one.
 
         Args:
             tip_rad: direction of the tip's axis in the frame of the clamp; forces push at the tip.
         """
-        if self._weight == 0.0:
-            return EVEN_DIRECTIONS
-        density = np.exp(_FRAMES_LEARNT * self._log_likelihood)
         possible = -np.cos(CENTRES_RAD - tip_rad) > math.cos(0.5 * DIRECTIONS_RAD)
-        return (1.0 - _OTHER_SHARE) * density / density[possible].mean() + _OTHER_SHARE
+        return self.over_prior(possible.astype(np.float64))

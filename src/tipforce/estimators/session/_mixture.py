@@ -27,7 +27,7 @@ _LEAST_SHARE = 1e-3
 """Nodes with a smaller share than this do not count for the constants."""
 _MOST_FRICTION = 0.3
 """The normal of a tissue at the dome is at most 90 degrees from the tip's axis. Friction turns the force further."""
-_MOST_PULL = math.sin(math.atan(_MOST_FRICTION))
+MOST_PULL = math.sin(math.atan(_MOST_FRICTION))
 """Largest share of a force in contact that pulls along the tip's axis."""
 DIRECTIONS_RAD = math.pi + 2.0 * math.atan(_MOST_FRICTION)
 """Angle that the directions of a force in contact fill, about the tip's axis."""
@@ -141,7 +141,7 @@ def _quantile(values: FloatArray, order: IntArray, shares: FloatArray, level: fl
 @njit(cache=True, nogil=True)
 def is_possible(x: float, y: float, size: float, axis_x: float, axis_y: float, largest_n: float) -> bool:
     """Returns whether a tissue can push so: not along the tip's axis (``axis_x``, ``axis_y``), but for friction."""
-    return x * axis_x + y * axis_y < _MOST_PULL * size and size <= largest_n
+    return x * axis_x + y * axis_y < MOST_PULL * size and size <= largest_n
 
 
 @njit(cache=True, nogil=True)

@@ -160,6 +160,9 @@ class OverTimeSettings(RodFitSettings):
     """Random walk of the clamp's position in a second."""
     line_error_s: _Std = 10.0
     """How long the lasting error of a line stays."""
+    direction_s: Annotated[float, Field(ge=0, le=1e4)] = 20.0
+    """How long the direction of the force is remembered, 0: not at all; 10, 20 and 60 s gave nearly the same on seeds
+    103000 and 104000."""
     gap_s: _Std = 5.0
     """After so long without a line that the rod explains, the session's constants are learnt anew."""
 
@@ -187,8 +190,5 @@ class RodTrackSettings(RodSettings, OverTimeSettings):
     """Random walk of the clamp's direction in a second."""
     advance_late_s: Annotated[float, Field(ge=0, le=1)] = 5e-3
     """Standard deviation of the time between an image and the reading of the clamp's advance that belongs to it."""
-    direction_s: Annotated[float, Field(ge=0, le=1e4)] = 20.0
-    """How long the direction of the force is remembered, 0: not at all; 10, 20 and 60 s gave nearly the same on seeds
-    103000 and 104000."""
     creep_s: _Std = 2.0
     """Time constant of the shaft's creep."""

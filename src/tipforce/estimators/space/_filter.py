@@ -17,6 +17,7 @@ from ...types import DetectedShape, FloatArray, SessionInfo
 from ..session import MODES, LineError, NoiseLevel
 from ._cameras import Reference, base_axes_px, camera_of, scale_at, toward_viewer, turns
 from ._constants import DEPTH, FORCE, TURN, Constants, error_slopes
+from ._direction import SpaceDirection
 from ._mixture import SpaceForce, mixed_constants, mixed_force
 from ._motion import LineMemory, ShownLine, whitened_with_motion
 from ._posterior import Fit, Measurement, Nodes, Problem, fit, force_slopes, lay_grid
@@ -89,6 +90,7 @@ class _Solution(NamedTuple):
     free: Fit
     grids: list[Nodes]
     shares: list[FloatArray]
+    directions: tuple[FloatArray, FloatArray]
     measurements: Sequence[Measurement]
 
     @property
@@ -160,6 +162,7 @@ class SpaceFilter:
         self.constants: Constants | None = None
         self._start: _Start | None = None
         self._share = contact_share
+        self._direction, self._unlearnt_s = SpaceDirection(), math.inf
         self._waited_s, self._lost_s, self._excluded_s = math.inf, 0.0, 0.0
         self._lines, self._begun_with = LineMemory(), 0
         self._last: dict[str, tuple[FloatArray, FloatArray]] = {}  # last fit without ("free") and with force ("touch")
@@ -177,6 +180,7 @@ class SpaceFilter:
             advance_m: advance of the clamp.
         """
         self._waited_s += elapsed_s
+        self._unlearnt_s += elapsed_s
         self._lost_s += elapsed_s
         shown = {
             view: ShownLine.of(detected.shape, detected.shape.centreline, detected.size_px)
@@ -218,6 +222,9 @@ class SpaceFilter:
         used = tuple(self._settings.views[each.place] for each in found.measurements)
         late_s = {view: lines[view].age_s for view in used if lines[view].overdue}
         teaches = len(used) > 1 or first in used
+        if explained and clear and contact and self._settings.direction_s:
+            self._direction.learn(*found.directions, self._unlearnt_s / self._settings.direction_s)
+            self._unlearnt_s = 0.0
         if explained and clear and teaches and self._waited_s >= self._settings.update_s:
             # one view alone would teach the depth in one of its two mirror images
             self.constants.learn(
@@ -251,9 +258,11 @@ class SpaceFilter:
     def _solve(self, problem: Problem, log_odds: float) -> "_Solution":
         """Returns force, fits and misfit of some lines."""
         free, touch, grids = self._fit(problem)
-        force, shares = mixed_force(grids, free, log_odds, self._settings.prior.largest_force_n)
+        force, shares, directions = mixed_force(
+            grids, free, log_odds, self._settings.prior.largest_force_n, self._direction
+        )
         misfit = min((each.chi2 for each in (free, touch) if each and each.ok), default=math.inf) / problem.rows
-        return _Solution(force, misfit, free, grids, shares, problem.measurements)
+        return _Solution(force, misfit, free, grids, shares, directions, problem.measurements)
 
     def _begin(
         self, lines: Mapping[str, ShownLine], cameras: Mapping[str, FloatArray], knob_deg: float, advance_m: float
@@ -277,6 +286,7 @@ class SpaceFilter:
         self._begun_factor, self._begun_with = self._level.factor, len(lines)
         self._start = _Start(reference, PoseError(prior, reference) if prior else None, {})
         self._share, self._waited_s, self._lost_s, self._last = self._contact_share, math.inf, 0.0, {}
+        self._direction, self._unlearnt_s = SpaceDirection(), math.inf
 
     def _problem(self, lines: Mapping[str, ShownLine], cameras: Mapping[str, FloatArray], advance_m: float) -> Problem:
         """Returns lines and prior of an instant as the problem of its posterior, with the noise of each line.

@@ -8,7 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import FloatArray, IntArray
+from ..session import DIRECTIONS_RAD, MOST_PULL
 from ._constants import FORCE
+from ._direction import SpaceDirection
 from ._posterior import Fit, Nodes
 
 _ROOTS = (-math.sqrt(3.0), 0.0, math.sqrt(3.0))
@@ -47,20 +49,25 @@ class SpaceForce(NamedTuple):
 
 
 class _Samples(NamedTuple):
-    """``points`` (n, 3) of the force, N; their weights without (``flat``) and with its prior; the node of each."""
+    """``points`` (n, 3) of the force, N; their weights without (``flat``) and with its prior; the node of each.
+
+    ``of_direction``: (n,) likelihood of the direction of each, by this frame alone.
+    """
 
     points: FloatArray
     flat: FloatArray
     weight: FloatArray
+    of_direction: FloatArray
     of_node: IntArray
 
 
-def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
+def _samples(nodes: Nodes, best: float, largest_n: float, direction: SpaceDirection) -> _Samples:
     """Returns weighted points of the force: at each node of a grid, Gauss-Hermite points in the free directions.
 
-    The prior of the force is uniform in its magnitude, in the angle to the tip's axis, and about this axis; it allows
-    pushes only, up to ``largest_n``. As a density in space it is infinite at no force and along the axis:
-    `_NEAR_NOTHING` limits it. Weights are relative to a density whose logarithm is ``best``.
+    The prior of the force is uniform in its magnitude, in the angle to the tip's axis, and about this axis; it ends at
+    ``largest_n``, and at the angle to which friction may turn a push (`DIRECTIONS_RAD`). The frames before show the
+    ``direction``. As a density in space it is infinite at no force and along the axis: `_NEAR_NOTHING` limits it.
+    Weights are relative to a density whose logarithm is ``best``.
     """
     free = FORCE - nodes.held
     covariance = nodes.basis.T @ nodes.covariance[:, :FORCE, :FORCE] @ nodes.basis
@@ -77,16 +84,20 @@ def _samples(nodes: Nodes, best: float, largest_n: float) -> _Samples:
     free_std_n = np.sqrt(np.einsum("pkk->p", covariance[:, :free, :free]) / free)
     least2 = np.repeat((_NEAR_NOTHING * node_width_n) ** 2 + 0.25 * free_std_n**2, len(unit))
     lateral2 = np.maximum(size**2 - axial**2, 0.0)
-    prior = 1.0 / (math.pi**2 * largest_n * np.sqrt((size**2 + least2) * (lateral2 + least2)))
+    of_magnitude = 1.0 / (largest_n * np.sqrt(size**2 + least2))
+    of_angle = 1.0 / (math.pi * DIRECTIONS_RAD * np.sqrt(lateral2 + least2))
     # the volume of a node, and of the Gaussian across it; the other unknowns are the same with and without a force
     volume = nodes.spacing * (2.0 * math.pi) ** (0.5 * free)
-    weight = flat * volume * prior * (axial < 0.0)
-    return _Samples(points, flat * volume, weight, np.repeat(np.arange(len(nodes.q)), len(unit)))
+    flat *= volume
+    possible = flat * of_magnitude * (axial < MOST_PULL * size)
+    weight = possible * of_angle * direction.density(points, nodes.tip_axis[int(nodes.log_weight.argmax())])
+    of_direction = possible / np.sqrt(size**2 + least2)  # an angle has an area of the size squared
+    return _Samples(points, flat, weight, of_direction, np.repeat(np.arange(len(nodes.q)), len(unit)))
 
 
 def mixed_force(
-    grids: Sequence[Nodes], free: Fit, log_odds: float, largest_n: float
-) -> tuple[SpaceForce, list[FloatArray]]:
+    grids: Sequence[Nodes], free: Fit, log_odds: float, largest_n: float, direction: SpaceDirection
+) -> tuple[SpaceForce, list[FloatArray], tuple[FloatArray, FloatArray]]:
     """Returns the force, averaged over contact and no contact, and the nodes' shares for the constants.
 
     Each hypothesis counts with its prior odds and the integral of its density. No contact is one more point, zero.
@@ -100,9 +111,13 @@ def mixed_force(
         free: the fit without a force.
         log_odds: logarithm of the odds of contact beforehand.
         largest_n: the prior of the force ends here.
+        direction: of the force, by the frames before.
+
+    Returns:
+        The force; the nodes' shares; forces (n, 3) with the likelihoods (n,) of their directions by this frame alone.
     """
     best = max((float(nodes.log_weight.max()) for nodes in grids), default=-math.inf)
-    parts = [_samples(nodes, best, largest_n) for nodes in grids]
+    parts = [_samples(nodes, best, largest_n, direction) for nodes in grids]
     total = sum(float(part.weight.sum()) for part in parts)
     contact = 0.0
     if total > 0.0:
@@ -124,7 +139,8 @@ def mixed_force(
     total_flat = sum(float(weights.sum()) for weights in flat)
     modes = sum(float(part.weight.sum()) > _MODE_SHARE * total for part in parts) if total > 0.0 else 0
     force = SpaceForce(mean, covariance, contact, low, high, modes)
-    return force, [weights / max(total_flat, 1e-300) for weights in flat]
+    directions = points[:-1], np.concatenate([*(part.of_direction for part in parts), np.zeros(0)])
+    return force, [weights / max(total_flat, 1e-300) for weights in flat], directions
 
 
 def _ends(values: FloatArray, shares: FloatArray) -> tuple[float, float]:
@@ -154,7 +170,8 @@ def _widen_by_profile(grids: Sequence[Nodes], free: Fit, largest_n: float, low: 
         reach = np.sqrt(2.0 * np.maximum(spare_cost, 0.0))[:, None] * np.sqrt(np.einsum("pkk->pk", covariance))
         force = nodes.q[:, :FORCE]
         size = np.linalg.norm(force, axis=1)
-        pushes = (np.einsum("pk,pk->p", force, nodes.tip_axis) < 0.0) & (size <= largest_n)
+        axial = np.einsum("pk,pk->p", force, nodes.tip_axis)
+        pushes = (axial < MOST_PULL * size) & (size <= largest_n)
         use = pushes & (spare_cost >= 0.0)
         if use.any():
             direction = force / np.maximum(size, 1e-9)[:, None]

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...mechanics.spatial import SpatialShapes
 from ...types import FloatArray, IntArray
+from ..session import MOST_PULL
 from ._cameras import ViewLine, turns
 from ._constants import BEND_Y, BEND_Z, FORCE, GAIN, LEVER, POSITION, SHAPE, STIFFNESS, TURN, errors_of_view
 from ._projection import RATES, residuals
@@ -21,7 +22,7 @@ from ._view_pose import POSE_ERRORS, PlacedRod, PoseError
 _START_N = 0.3
 """Standard deviation of each component of the force in the fit from which the grid is laid out."""
 _PULL_N = 5e-3
-"""Standard deviation of a force that pulls at the tip, in that fit: tissue pushes."""
+"""Standard deviation of a force that pulls at the tip more than friction does, in that fit: tissue pushes."""
 _FIT_STEPS, _NODE_STEPS = 40, 4
 _MOST_DAMPING = 1e6
 _LEAST_GAIN, _MOST_GAIN = 2e-3, 0.1
@@ -298,7 +299,8 @@ def fit(problem: Problem, start: FloatArray, quaternions: FloatArray, *, contact
         if contact:
             matrix[range(FORCE), range(FORCE)] += force_information
             side[:FORCE] -= force_information * point[:FORCE]
-            axis = linear.tip_axis[0]
+            size_n = max(float(np.linalg.norm(point[:FORCE])), 1e-9)
+            axis = linear.tip_axis[0] - MOST_PULL / size_n * point[:FORCE]  # friction may pull
             pull = max(0.0, float(axis @ point[:FORCE])) / _PULL_N
             pull_information[:FORCE, :FORCE] = np.outer(axis, axis) / _PULL_N**2 if pull else 0.0
             side[:FORCE] -= pull / _PULL_N * axis
