@@ -33,10 +33,12 @@ from ._settings import (
     RodSettings,
     RodTrackSettings,
 )
+from ._state import LEAST_PLAY_DEG2, turn_knob
 from .rod import Rod, RodTrack, RodTrackStream
 
 __all__ = [
     "DIRECTIONS_RAD",
+    "LEAST_PLAY_DEG2",
     "LEAST_STD_N",
     "MODES",
     "MOST_PULL",
@@ -76,6 +78,7 @@ __all__ = [
     "rod_model",
     "stated_stds",
     "too_noisy",
+    "turn_knob",
     "unexplained",
     "without_widths",
 ]

@@ -18,7 +18,7 @@ COUNT = len(UNKNOWNS) + MODES + CAMERA + EXTRA
 ROD = len(UNKNOWNS)
 K0, ANGLE, X, Y = (UNKNOWNS.index(name) for name in ("precurvature_per_m", "base_angle_rad", "base_x_m", "base_y_m"))
 GAIN, PLAY, LEVER = COUNT - 3, COUNT - 2, COUNT - 1
-_LEAST_PLAY_DEG2 = 1e-4
+LEAST_PLAY_DEG2 = 1e-4
 """Least variance of the position in the play."""
 _PLAY_LEFT_OUT = 0.02
 """The end of the play is known to this share of the angle by which the knob turns."""
@@ -47,7 +47,7 @@ class SessionState:
         self.mean[FORCE:ROD], self.covariance[FORCE:ROD, FORCE:ROD] = mean, covariance
         self.covariance[:FORCE, :FORCE] = 0.0
         self.covariance[GAIN, GAIN] = knob_gain_std(prior, actuation) ** 2
-        self.covariance[PLAY, PLAY] = max(_LEAST_PLAY_DEG2, self._play_deg**2 / 12.0)
+        self.covariance[PLAY, PLAY] = max(LEAST_PLAY_DEG2, self._play_deg**2 / 12.0)
         if has_knob and not knowledge.sessions:  # the play has an unknown of its own
             self.covariance[K0, K0] = prior.precurvature_per_m**2
 
@@ -91,7 +91,7 @@ class SessionState:
         self._forget(slice(ROD, ROD + MODES), math.exp(-elapsed_s / settings.line_error_s))
         self._forget(slice(LEVER, COUNT), math.exp(-elapsed_s / settings.friction_s))
         if self.gain_per_m_deg and not math.isnan(knob_deg):
-            self._turn(knob_deg - self.knob_deg)
+            turn_knob(self.mean, self.covariance, PLAY, knob_deg - self.knob_deg, self._play_deg)
             self.knob_deg = knob_deg
 
     def _forget(self, part: slice, keeps: float) -> None:
@@ -102,21 +102,28 @@ class SessionState:
         index = np.arange(COUNT)[part]
         self.covariance[index, index] += 1.0 - keeps**2
 
-    def _turn(self, turned_deg: float) -> None:
-        """Changes the position of the mechanism in the knob's play, relative to the knob, by a turn of the knob.
 
-        The mechanism stays where it is until the knob has crossed the play; then the knob drags it along. So its
-        position relative to the knob moves back by the turn, and is clipped to the play.
-        """
-        half_play_deg = 0.5 * self._play_deg
-        if turned_deg == 0.0 or half_play_deg == 0.0:
-            return
-        variance = float(self.covariance[PLAY, PLAY])
-        mean, clipped_variance, within = clipped_moments(float(self.mean[PLAY]) - turned_deg, variance, half_play_deg)
-        self.mean[PLAY] = mean
-        self.covariance[PLAY] *= within
-        self.covariance[:, PLAY] *= within
-        self.covariance[PLAY, PLAY] = max(_LEAST_PLAY_DEG2, clipped_variance) + (_PLAY_LEFT_OUT * turned_deg) ** 2
+def turn_knob(mean: FloatArray, covariance: FloatArray, place: int, turned_deg: float, play_deg: float) -> None:
+    """Changes the position of the mechanism in the knob's play, relative to the knob, by a turn of the knob.
+
+    The mechanism stays where it is until the knob has crossed the play; then the knob drags it along. So its position
+    relative to the knob moves back by the turn, and is clipped to the play.
+
+    Args:
+        mean: (unknowns,) mean of the unknowns, changed in place.
+        covariance: (unknowns, unknowns) their covariance, changed in place.
+        place: index of the position in the play, degrees.
+        turned_deg: turn of the knob.
+        play_deg: width of the play.
+    """
+    half_play_deg = 0.5 * play_deg
+    if turned_deg == 0.0 or half_play_deg == 0.0:
+        return
+    variance = float(covariance[place, place])
+    mean[place], clipped_variance, within = clipped_moments(float(mean[place]) - turned_deg, variance, half_play_deg)
+    covariance[place] *= within
+    covariance[:, place] *= within
+    covariance[place, place] = max(LEAST_PLAY_DEG2, clipped_variance) + (_PLAY_LEFT_OUT * turned_deg) ** 2
 
 
 def clipped_moments(mean: float, variance: float, half: float) -> tuple[float, float, float]:

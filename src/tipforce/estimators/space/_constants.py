@@ -7,7 +7,7 @@ import numpy as np
 
 from ...mechanics.spatial import PARAMETERS
 from ...types import FloatArray, SessionInfo
-from ..session import MODES, knob_gain_std
+from ..session import LEAST_PLAY_DEG2, MODES, knob_gain_std, turn_knob
 from ._settings import SpaceSettings
 from ._view_pose import POSE_ERRORS
 
@@ -15,8 +15,8 @@ FORCE = 3
 BEND_Y, BEND_Z, STIFFNESS = 3, 4, 5
 SHAPE = len(PARAMETERS)
 POSITION, TURN = SHAPE, SHAPE + 3
-GAIN, LEVER = SHAPE + 6, SHAPE + 7
-FIRST_VIEW = SHAPE + 9
+GAIN, LEVER, PLAY = SHAPE + 6, SHAPE + 7, SHAPE + 9
+FIRST_VIEW = SHAPE + 10
 VIEW_ERRORS = 6
 """Errors of a view's projection: shift along u and v, scale, turn, stretch and shear."""
 PER_VIEW = VIEW_ERRORS + MODES
@@ -25,8 +25,6 @@ DEPTH = (BEND_Y, POSITION + 2, TURN, TURN + 1)
 """Unknowns in the depth of the first view, which that view alone shows up to their sign."""
 _LEAST_LENGTH_STD, _LEAST_TILT_DEG = 1e-4, 0.1
 """Smaller stated uncertainties (the first is relative) are taken for these: the covariance must have an inverse."""
-_PLAY_LEFT_OUT = 0.02
-"""The end of the play is known to this share of the angle by which the knob turns."""
 
 
 def errors_of_view(place: int) -> slice:
@@ -35,7 +33,7 @@ def errors_of_view(place: int) -> slice:
 
 
 class Constants:
-    """Mean and covariance of all unknowns: force (rows zero), shape, base, knob, lever, and the errors of each view.
+    """Mean and covariance of all unknowns: force (rows zero), shape, base, knob, lever, play, and errors of each view.
 
     Args:
         settings: the settings.
@@ -71,9 +69,8 @@ class Constants:
         stiffness, length = info.catheter.bending_stiffness_uncertainty, info.catheter.flexible_length_uncertainty
         std[:FORCE] = 0.0
         std[BEND_Y] = prior.out_of_plane_per_m
-        std[BEND_Z] = prior.unknown_curvature_per_m
-        if known:
-            std[BEND_Z] = math.hypot(prior.curvature_per_m, self.gain_per_m_deg * self._play_deg / math.sqrt(12.0))
+        std[BEND_Z] = prior.curvature_per_m if known else prior.unknown_curvature_per_m
+        std[PLAY] = math.sqrt(max(LEAST_PLAY_DEG2, self._play_deg**2 / 12.0))
         std[STIFFNESS] = prior.stiffness if stiffness is None else math.hypot(stiffness, prior.stiffness_left_out)
         std[STIFFNESS + 1] = prior.proximal_stiffness
         std[STIFFNESS + 2] = prior.length if length is None else max(length, _LEAST_LENGTH_STD)
@@ -101,10 +98,8 @@ class Constants:
         knob_curvature_per_m = self.gain_per_m_deg * abs(self.knob_deg)
         drift_share = min(1.0, elapsed_s / settings.knob_drift_s)
         variance[BEND_Z] = 2.0 * (settings.knob_drift * knob_curvature_per_m) ** 2 * drift_share
-        if self.gain_per_m_deg and not math.isnan(knob_deg):  # the mechanism may be anywhere in the play
-            turned_deg = abs(knob_deg - self.knob_deg)
-            play_deg2 = min(turned_deg, self._play_deg) ** 2 / 12.0 + (_PLAY_LEFT_OUT * turned_deg) ** 2
-            variance[BEND_Z] += self.gain_per_m_deg**2 * play_deg2
+        if self.gain_per_m_deg and not math.isnan(knob_deg):
+            turn_knob(self.mean, self.covariance, PLAY, knob_deg - self.knob_deg, self._play_deg)
             self.knob_deg = knob_deg
         variance[BEND_Y : BEND_Z + 1] += settings.curvature_walk_per_m**2 * elapsed_s
         variance[POSITION : POSITION + 3] = settings.base_walk_m**2 * elapsed_s

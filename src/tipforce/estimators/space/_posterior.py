@@ -15,7 +15,7 @@ from ...mechanics.spatial import SpatialShapes
 from ...types import FloatArray, IntArray
 from ..session import MOST_PULL
 from ._cameras import ViewLine, turns
-from ._constants import BEND_Y, BEND_Z, FORCE, GAIN, LEVER, POSITION, SHAPE, STIFFNESS, TURN, errors_of_view
+from ._constants import BEND_Y, BEND_Z, FORCE, GAIN, LEVER, PLAY, POSITION, SHAPE, STIFFNESS, TURN, errors_of_view
 from ._projection import RATES, residuals
 from ._view_pose import POSE_ERRORS, PlacedRod, PoseError
 
@@ -128,7 +128,7 @@ def _parameters(problem: Problem, q: FloatArray) -> FloatArray:
     lever_per_m = problem.lever_per_m_n * np.linalg.norm(q[:, :FORCE], axis=1)
     parameters[:, BEND_Y] += lever_per_m * q[:, LEVER]
     parameters[:, BEND_Z] += lever_per_m * q[:, LEVER + 1]
-    parameters[:, BEND_Z] += problem.gain_per_m_deg * problem.knob_deg * (1.0 + q[:, GAIN])
+    parameters[:, BEND_Z] += problem.gain_per_m_deg * (problem.knob_deg * (1.0 + q[:, GAIN]) + q[:, PLAY])
     return parameters
 
 
@@ -189,6 +189,7 @@ def _view_residuals(
         )
     slopes[:, :, :RATES] = shape_slopes
     slopes[:, :, GAIN] = problem.gain_per_m_deg * problem.knob_deg * shape_slopes[:, :, BEND_Z]
+    slopes[:, :, PLAY] = problem.gain_per_m_deg * shape_slopes[:, :, BEND_Z]
     force_n, lever = np.linalg.norm(q[:, :FORCE], axis=1), problem.lever_per_m_n
     direction = q[:, :FORCE] / np.maximum(force_n, 1e-9)[:, None]
     for k, bend in enumerate((BEND_Y, BEND_Z)):  # the lever acts as a curvature, which grows with the force
