@@ -11,7 +11,16 @@ from tipforce.estimators import create
 from tipforce.estimators._session_detection import DetectedLine
 from tipforce.estimators.space import Rod3d, SpaceSettings, space
 from tipforce.estimators.space._cameras import Reference, ViewLine, base_axes_px, turns
-from tipforce.estimators.space._constants import BEND_Y, BEND_Z, DEPTH, FIRST_VIEW, SHAPE, Constants, errors_of_view
+from tipforce.estimators.space._constants import (
+    BEND_Y,
+    BEND_Z,
+    DEPTH,
+    FIRST_VIEW,
+    PLAY,
+    SHAPE,
+    Constants,
+    errors_of_view,
+)
 from tipforce.estimators.space._direction import SpaceDirection
 from tipforce.estimators.space._filter import SpaceFilter, SpaceResult, ViewShape, rod_of
 from tipforce.estimators.space._mixture import mixed_force
@@ -323,6 +332,16 @@ def test_an_uncertain_knob_and_tilt_are_in_the_prior() -> None:
     unknown = Constants(SpaceSettings(views=("a", "b")), INFO, ("a", "b"), float("nan"), several=True)
     assert np.sqrt(np.diag(known.covariance))[4] < 0.5 < 5.0 < np.sqrt(np.diag(unknown.covariance))[4]
     assert rod_of(INFO, 16).rod.length_m == pytest.approx(53e-3)
+
+
+def test_the_mechanism_stays_until_the_knob_has_crossed_its_play() -> None:
+    constants = Constants(SpaceSettings(views=("a", "b")), INFO, ("a", "b"), 10.0, several=True)
+    mechanism_deg: list[float] = []
+    for knob_deg in (15.0, 14.9, 14.6, 14.4, 14.0):
+        constants.predict(0.07, knob_deg)
+        mechanism_deg.append(knob_deg + float(constants.mean[PLAY]))
+    assert mechanism_deg == pytest.approx([14.75, 14.75, 14.75, 14.65, 14.25], abs=0.1)
+    assert math.sqrt(constants.covariance[PLAY, PLAY]) < 0.15
 
 
 def test_it_reads_the_first_two_views_unless_others_are_stated() -> None:
