@@ -169,12 +169,14 @@ class NoisyLines:
         return DetectedShape(Status.VALID, centreline=CentrelinePx(points), covariance_px2=covariance)
 
 
-def rows_of(session: TrueSession, case: Case, seed: tuple[int, int], *, all_frames: bool = False) -> list[list[float]]:
-    """Estimates a session; see `space_sessions.COLUMNS`. ``all_frames``: none is left out."""
+def rows_of(
+    session: TrueSession, case: Case, seed: tuple[int, int], *, all_frames: bool = False, by: SpaceFilter | None = None
+) -> list[list[float]]:
+    """Estimates a session; see `space_sessions.COLUMNS`. ``all_frames``: none is left out; ``by``: another model."""
     rng = np.random.default_rng(seed)
     cameras, info = views_of_case(session, case, rng)
     noisy = [NoisyLines(np.random.default_rng([*seed, place]), case.noise) for place in range(2)]
-    model = SpaceFilter(SpaceSettings(views=("a", "b")), 0.5, info)
+    model = by or SpaceFilter(SpaceSettings(views=("a", "b")), 0.5, info)
     settings, widths, last_s = SpaceSettings(), SpaceWidths(), None
     rows: list[list[float]] = []
     for k, now_s in enumerate(session.time_s):
