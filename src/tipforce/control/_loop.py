@@ -53,6 +53,8 @@ full speed of the drives, above the second at `_CAREFUL_MM_PER_S`."""
 _CAREFUL_MM_PER_S = 5.0
 """Speed toward the wall where its motion is not known: the full speed of a drive would double the speed at which wall
 and tip meet."""
+_FREE_S = 0.1
+"""After this time without certain contact the tip is free."""
 _MAX_WITHOUT_CONTACT_S = 4.0
 """After this time without contact the tip approaches the wall again, lightly."""
 _BEAT_MARGIN = 1.2
@@ -165,7 +167,11 @@ class ControlLoop:
         )
         self._target_n = 0.0
         self._wanted_mm = 0.0
-        self._contact_s = self._touched_s = math.inf
+        self._contact_s, self._hold_s = math.inf, math.inf
+        self._touched_s = -math.inf
+        """Time of the last certain contact."""
+        self._light_mm: deque[tuple[float, float]] = deque()
+        """Certain contacts of the last beat: time, and position at which they would have been light, mm."""
         self._touch_mm = self._follow = 0.0
         self._slack_mm = 0.0
         """Distance that the tip may go beyond the limit by the plausible walls; it grows while there is no contact."""
@@ -240,9 +246,9 @@ class ControlLoop:
             if math.isfinite(force_n):
                 sigma_n = float(high - low) / _INTERVAL_SIGMAS if math.isfinite(high - low) else 0.0
                 sample = Sample(captured_s, float(force_n), sigma_n, self._position_at(captured_s))
-                self._take(sample, float(high), estimate.valid)
+                self._take(sample, float(low), float(high), estimate.valid)
 
-    def _take(self, sample: Sample, high_n: float, valid: bool) -> None:
+    def _take(self, sample: Sample, low_n: float, high_n: float, valid: bool) -> None:
         """Takes a sample: updates the wall's model and the histories, then acts as the state of the run requires.
 
         Approach ends at the first contact. In contact the loop waits until the wall is known. In hold the controller
@@ -250,7 +256,8 @@ class ControlLoop:
 
         Args:
             sample: force, its standard deviation, and the position of the catheter at the same time.
-            high_n: upper end of the force's interval, N.
+            low_n: lower end of the force's interval, N: where it is 0 there may be no contact.
+            high_n: its upper end, N.
             valid: False: the sample is the middle of an abstained interval, with its width. Without such samples the
                 model of the wall would know small forces only, since large ones are often uncertain.
         """
@@ -266,8 +273,15 @@ class ControlLoop:
         self._distances.append((sample.time_s, abs(sample.force_n - self.settings.target_n) + half_width_n))
         while len(self._distances) > 1 and self._distances[1][0] <= sample.time_s - _HELD_S:
             self._distances.popleft()
+        if low_n > 0.0 and sample.force_n > self.settings.contact_n:
+            self._touched_s = sample.time_s
+            wanted_n = max(self._target_n, self.settings.touch_n)
+            too_deep_mm = max(0.0, sample.force_n - wanted_n) / self._observer.gain_n_per_mm
+            self._light_mm.append((sample.time_s, sample.position_mm - too_deep_mm))
+            while self._light_mm[0][0] < sample.time_s - self._longest_beat_s:
+                self._light_mm.popleft()
         if self.state is ControlState.APPROACH:
-            if sample.force_n > self.settings.contact_n:
+            if self._touched_s == sample.time_s:
                 recoil_mm = 0.0 if self.settings.controller == "none" else self.settings.recoil_mm
                 self._touch_mm = max(0.0, self._wanted_mm - recoil_mm)
                 self._contact_s = sample.time_s
@@ -288,9 +302,8 @@ class ControlLoop:
 
     def _out_of_touch(self, now_s: float) -> bool:
         """Returns whether contact is missing for `_MAX_WITHOUT_CONTACT_S` although a force is wanted."""
-        if self._forces[-1][1] > self.settings.contact_n or self.settings.controller != "periodic":
-            self._touched_s = now_s
-        return now_s - self._touched_s > _MAX_WITHOUT_CONTACT_S
+        free_s = now_s - max(self._touched_s, self._hold_s)
+        return self.settings.controller == "periodic" and free_s > _MAX_WITHOUT_CONTACT_S
 
     def _touch(self, sample: Sample) -> None:
         """Waits in contact until the model of the wall is good enough for the controller; then the hold begins.
@@ -312,7 +325,7 @@ class ControlLoop:
             ready = True
         if ready:
             self._controller.begin(self._wanted_mm)
-            self._touched_s, self._slack_mm = sample.time_s, 0.0
+            self._hold_s, self._slack_mm = sample.time_s, 0.0
             # begins with half of a light touch; `_raise_target` raises it from there
             self._target_n = min(0.5 * settings.touch_n, settings.target_n)
             self._go(ControlState.HOLD, "the wall's motion is known well enough")
@@ -415,7 +428,7 @@ class ControlLoop:
                 speed = None
             case ControlState.HOLD:
                 self._raise_target(dt_s)
-                farthest_mm = self._wanted_mm + self._nearing_mm_per_s() * dt_s  # limits the speed toward the wall
+                farthest_mm = min(self._wanted_mm + self._nearing_mm_per_s() * dt_s, self._reach_mm(now_s))
                 self._wanted_mm = self._controller.position_mm(now_s, self._target_n) + self._dither_mm(now_s)
                 self._wanted_mm = min(self._wanted_mm, farthest_mm)
                 speed = None
@@ -455,10 +468,13 @@ class ControlLoop:
             error = (settings.target_n - mean_n) / settings.target_n
             return settings.touch_mm_per_s * max(-1.0, min(1.0, 2.0 * error))  # full speed from an error of 50 %
         newest_s = self._forces[-1][0]
-        beat_s = _BEAT_MARGIN / settings.observer.heart_hz[0]  # longest beat
-        largest_n = max(force for time_s, force in self._forces if time_s >= newest_s - beat_s)
+        largest_n = max(force for time_s, force in self._forces if time_s >= newest_s - self._longest_beat_s)
         error = (settings.touch_n - largest_n) / settings.touch_n
         return settings.touch_mm_per_s * max(-_DRAW_BACK_RATIO, min(1.0, error))
+
+    @property
+    def _longest_beat_s(self) -> float:
+        return _BEAT_MARGIN / self.settings.observer.heart_hz[0]
 
     def _swing_mm(self, now_s: float) -> float:
         return self._controller.swing_mm(now_s) if isinstance(self._controller, PeriodicRejection) else 0.0
@@ -477,6 +493,23 @@ class ControlLoop:
             return min(_CAREFUL_MM_PER_S, fastest)
         speed_share = (_LARGE_ERROR_N - self._observer.max_residual_n) / (_LARGE_ERROR_N - _SMALL_ERROR_N)
         return max(min(_CAREFUL_MM_PER_S, fastest), fastest * min(1.0, speed_share))
+
+    def _reach_mm(self, now_s: float) -> float:
+        """Returns the farthest position of a tip that is free while the force is held; infinite in contact.
+
+        It begins where the certain contacts of the last beat would have been light, and grows at the speed of a light
+        touch: a tip that follows a wall out of reach would meet it deep in the next beat. Where the heart rate is known
+        the tip is free after a beat without certain contact.
+        """
+        settings = self.settings
+        if not self._light_mm:
+            return math.inf
+        free_s = self._forces[-1][0] - self._touched_s
+        known = self._observer.rate_range_hz <= _MAX_RATE_RANGE_HZ
+        if settings.controller != "periodic" or free_s <= (self._longest_beat_s if known else _FREE_S):
+            return math.inf
+        nearest_mm = min(position for _, position in self._light_mm)
+        return nearest_mm + settings.touch_mm_per_s * (now_s - self._touched_s)
 
     def _excess_mm(self, now_s: float) -> float:
         """Returns by how much the wanted position is too deep for a plausible wall, now or soon, in mm.
