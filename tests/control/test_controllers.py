@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.control.conftest import estimate_of
 
 from tipforce.control import (
     Admittance,
@@ -15,12 +16,12 @@ from tipforce.control import (
     Sample,
     WallObserver,
 )
-from tipforce.types import ForceEstimate
+from tipforce.types import ForceEstimate, Status
 
 
 def held(bench, seconds: float) -> np.ndarray:
     bench.loop.start()
-    bench.run(22.0)
+    bench.run(28.0)
     assert bench.loop.state is ControlState.HOLD
     return bench.run(seconds)
 
@@ -77,6 +78,37 @@ def test_the_gain_is_found_from_the_approach_and_the_test_motion(bench: Callable
     made = bench(3.0, 1.0, controller="periodic", gain_n_per_mm=0.15)
     held(made, 12.0)
     assert made.ticks[-1].gain_n_per_mm == pytest.approx(0.15, rel=0.4)  # begins with 0.06
+
+
+def test_an_interval_that_does_not_exclude_no_contact_does_not_end_the_approach(bench: Callable) -> None:
+    """Far from the wall every image gives "0 to 0.19 N": its middle is no contact."""
+    made = bench(controller="periodic")
+
+    def too_wide(estimate: ForceEstimate) -> ForceEstimate:
+        if estimate.magnitude_n > 0.0:
+            return estimate
+        return ForceEstimate.invalid(
+            estimate.stamp_ns, Status.UNOBSERVABLE, "too wide", abstained_interval_n=(0.0, 0.19)
+        )
+
+    made.spoil = too_wide
+    made.loop.update(estimate_of(0, 0.0))
+    made.loop.start()
+    made.run(0.9)
+    assert made.loop.state is ControlState.APPROACH
+
+
+def test_a_free_tip_goes_little_deeper_than_where_the_last_touches_were_light(
+    bench: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The wall moves out of reach while its rate is not known: the tip does not follow it at 5 mm/s."""
+    made = bench(controller="periodic", gain_n_per_mm=0.1)
+    held(made, 1.0)
+    monkeypatch.setattr(WallObserver, "rate_range_hz", property(lambda _: 0.5))
+    place_mm = made.plant.place
+    made.plant.wall_mm = lambda time_s: 30.0
+    made.run(1.0)
+    assert made.plant.place < place_mm + 1.6
 
 
 def test_pi_does_not_wind_up_behind_a_limit() -> None:
