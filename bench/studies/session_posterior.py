@@ -57,10 +57,12 @@ WRONG_N = 0.05
 """An error of the magnitude beyond this counts as wrong."""
 NARROW_N = 0.1
 """Widest 90 % interval of the estimates that the table also shows alone."""
+PLACES = {"answered": 0, "mae": 0, "rmse": 0, "wrong": 1, "bias": 0}
+"""Decimal places of the figures in the table."""
 NOISE_PRESET, NOISE_PIXEL_M, NOISE_PIXELS = "bench-2021", 0.2e-3, 240.0
 """Preset whose measured line noise is added, its pixel, and the length in px of the lines that it was measured on."""
 
-REACHES_N = (0.15, 0.1, 0.075)
+REACHES_N = (0.05, 0.06, 0.08, 0.1)
 """Limits of the interval's reach from the estimate, as ``max_error_n``."""
 
 MEASURED = {"angle_deg": 0.3, "scale": 3e-3, "gain": 5e-3, "base_m": 5e-4}
@@ -468,7 +470,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     for name, inside in strata(all_).items():
         f = figures(all_, inside)
         holds = f"{f['holds']:.0f} (+- {f['error_of_holds']:.0f})"
-        cells = [f"{f['frames']}", *(f"{f[k]:.0f}" for k in ("answered", "mae", "rmse", "wrong", "bias"))]
+        cells = [f"{f['frames']}", *(f"{f[k]:.{places}f}" for k, places in PLACES.items())]
         lines.append(f"| {name} | " + " | ".join([*cells, holds, f"{f['width']:.0f}"]) + " |")
     return "\n".join([*lines, f"{len(rows)} sessions, {np.median([row['ms'] for row in rows]):.2f} ms a frame"])
 
