@@ -171,7 +171,8 @@ class ControlLoop:
         self._touched_s = -math.inf
         """Time of the last certain contact."""
         self._light_mm: deque[tuple[float, float]] = deque()
-        """Certain contacts of the last beat: time, and position at which they would have been light, mm."""
+        """Certain contacts of the last beat: time, and position at which they would have been light, mm; where there
+        was none, the beginning of the hold."""
         self._touch_mm = self._follow = 0.0
         self._slack_mm = 0.0
         """Distance that the tip may go beyond the limit by the plausible walls; it grows while there is no contact."""
@@ -326,6 +327,8 @@ class ControlLoop:
         if ready:
             self._controller.begin(self._wanted_mm)
             self._hold_s, self._slack_mm = sample.time_s, 0.0
+            if not self._light_mm or sample.time_s - self._touched_s > self._longest_beat_s:
+                self._light_mm = deque([(sample.time_s, self._wanted_mm)])
             # begins with half of a light touch; `_raise_target` raises it from there
             self._target_n = min(0.5 * settings.touch_n, settings.target_n)
             self._go(ControlState.HOLD, "the wall's motion is known well enough")
@@ -502,14 +505,12 @@ class ControlLoop:
         the tip is free after a beat without certain contact.
         """
         settings = self.settings
-        if not self._light_mm:
-            return math.inf
         free_s = self._forces[-1][0] - self._touched_s
         known = self._observer.rate_range_hz <= _MAX_RATE_RANGE_HZ
         if settings.controller != "periodic" or free_s <= (self._longest_beat_s if known else _FREE_S):
             return math.inf
         nearest_mm = min(position for _, position in self._light_mm)
-        return nearest_mm + settings.touch_mm_per_s * (now_s - self._touched_s)
+        return nearest_mm + settings.touch_mm_per_s * (now_s - self._light_mm[-1][0])
 
     def _excess_mm(self, now_s: float) -> float:
         """Returns by how much the wanted position is too deep for a plausible wall, now or soon, in mm.
