@@ -3,10 +3,10 @@
     .venv/bin/python -m bench.studies.space_bound --seed 109000 --sessions 20
 
 Sessions, lines and noise are those of case "base" of `space_sensitivity`. The bound is the posterior Cramer-Rao bound
-of the force by all lines so far (Tichavsky, Muravchik and Nehorai, 1998). Constants and noise are those of `rod-3d`,
-but base and shaft do not drift (`STILL`); contact is known. The equations are linearised where the constants explain
-the lines best under the true force. Along a straight tip the shape answers a force in second order: there the bound is
-large, and the prior of the force helps.
+of the force by all lines until then (Tichavsky, Muravchik and Nehorai, 1998). Constants and noise are those of
+`rod-3d`, but base and shaft do not drift (`STILL`); contact is known. The equations are linearised where the constants
+explain the lines best under the true force. Along a straight tip the shape answers a force in second order: there the
+bound is large, and the prior of the force helps.
 """
 
 import argparse

@@ -111,25 +111,6 @@ def test_a_free_tip_goes_little_deeper_than_where_the_last_touches_were_light(
     assert made.plant.place < place_mm + 1.6
 
 
-def test_an_interval_that_does_not_exclude_no_contact_does_not_end_the_approach(bench: Callable) -> None:
-    """Far from the wall every image gives "0 to 0.19 N": its middle is no contact."""
-    made = bench(controller="periodic")
-
-    def too_wide(estimate: ForceEstimate) -> ForceEstimate:
-        if estimate.magnitude_n > 0.0:
-            return estimate
-        return ForceEstimate.invalid(
-            estimate.stamp_ns, Status.UNOBSERVABLE, "too wide", abstained_interval_n=(0.0, 0.19)
-        )
-
-    made.spoil = too_wide
-    made.plant.sent[0] = (-1.0, -10.0)
-    made.loop.update(estimate_of(0, 0.0))
-    made.loop.start()
-    made.run(0.9)
-    assert made.loop.state is ControlState.APPROACH
-
-
 def test_a_free_tip_goes_no_deeper_than_where_the_last_touches_were_light(bench: Callable) -> None:
     """The wall moves out of reach in the hold, and comes back: the tip has not followed it."""
     made = bench(controller="periodic", gain_n_per_mm=0.1)

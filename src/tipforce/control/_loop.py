@@ -55,7 +55,7 @@ _CAREFUL_MM_PER_S = 5.0
 and tip meet."""
 _FREE_S = 0.1
 """After this time without certain contact the tip is free."""
-_MAX_WITHOUT_CONTACT_S = 4.0
+_MAX_WITHOUT_CONTACT_S = 8.0
 """After this time without contact the tip approaches the wall again, lightly."""
 _BEAT_MARGIN = 1.2
 """Factor on the longest period of the heart: a whole beat is then among the forces, although images come late."""
@@ -172,7 +172,7 @@ class ControlLoop:
         """Time of the last certain contact."""
         self._light_mm: deque[tuple[float, float]] = deque()
         """Certain contacts of the last beat: time, and position at which they would have been light, mm; where there
-        was none, the beginning of the hold."""
+        was none, the deepest position of the beat before the hold."""
         self._touch_mm = self._follow = 0.0
         self._slack_mm = 0.0
         """Distance that the tip may go beyond the limit by the plausible walls; it grows while there is no contact."""
@@ -328,7 +328,9 @@ class ControlLoop:
             self._controller.begin(self._wanted_mm)
             self._hold_s, self._slack_mm = sample.time_s, 0.0
             if not self._light_mm or sample.time_s - self._touched_s > self._longest_beat_s:
-                self._light_mm = deque([(sample.time_s, self._wanted_mm)])
+                begun_s = sample.time_s - self._longest_beat_s
+                deepest_mm = max((mm for time_s, mm in self._history if time_s >= begun_s), default=self._wanted_mm)
+                self._light_mm = deque([(sample.time_s, deepest_mm)])
             # begins with half of a light touch; `_raise_target` raises it from there
             self._target_n = min(0.5 * settings.touch_n, settings.target_n)
             self._go(ControlState.HOLD, "the wall's motion is known well enough")
