@@ -1,7 +1,7 @@
 """Sensitivity of `rod-3d` on true lines of simulated `biplane` sessions, to which measured noise is added.
 
     .venv/bin/python -m bench.studies.space_sensitivity --seed 76000 --sessions 10 --out DIR
-    .venv/bin/python -m bench.studies.space_sensitivity --seed 77000 --sessions 20 --cases base --out DIR
+    .venv/bin/python -m bench.studies.space_sensitivity --seed 108000 109000 --sessions 20 --cases base --out DIR
 
 No image is drawn and nothing is detected: the true axis of the catheter is projected into both views. Its error is that
 of `limits.CENTRELINE_NOISE` of `bench-2021`, fresh in each frame and lasting, times a factor (2 by default: X-ray). Its
@@ -15,7 +15,7 @@ and are not computed again.
 import argparse
 import json
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -226,7 +226,7 @@ def strata(rows: FloatArray) -> list[str]:
 def main() -> None:
     """Estimates the sessions in all cases and prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=76000)
+    parser.add_argument("--seed", type=int, nargs="+", default=[76000])
     parser.add_argument("--sessions", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
@@ -234,20 +234,17 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     parts: dict[str, list[FloatArray]] = {name: [] for name in options.cases}
-    for number in range(options.sessions):
+    for seed, number in product(options.seed, range(options.sessions)):
         sessions: dict[tuple[float, float] | None, TrueSession] = {}
         for name in options.cases:
-            path = (
-                options.out
-                / f"{name.replace(' ', '-').replace(',', '').replace('/', '-')}-{options.seed}-{number}.json"
-            )
+            path = options.out / f"{name.replace(' ', '-').replace(',', '').replace('/', '-')}-{seed}-{number}.json"
             if not path.exists():
                 case = CASES[name]
                 if case.peak_n not in sessions:
-                    sessions[case.peak_n] = true_session(options.seed, number, options.seconds, case.peak_n)
-                path.write_text(json.dumps(rows_of(sessions[case.peak_n], case, (options.seed, number))))
+                    sessions[case.peak_n] = true_session(seed, number, options.seconds, case.peak_n)
+                path.write_text(json.dumps(rows_of(sessions[case.peak_n], case, (seed, number))))
             parts[name].append(np.array(json.loads(path.read_text())))
-            print(line(f"{number} {name}", parts[name][-1]), flush=True)
+            print(line(f"{seed} {number} {name}", parts[name][-1]), flush=True)
     for name, found in parts.items():
         rows = np.concatenate(found)
         print(line(name, rows), flush=True)

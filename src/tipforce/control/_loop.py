@@ -274,7 +274,8 @@ class ControlLoop:
         self._distances.append((sample.time_s, abs(sample.force_n - self.settings.target_n) + half_width_n))
         while len(self._distances) > 1 and self._distances[1][0] <= sample.time_s - _HELD_S:
             self._distances.popleft()
-        if low_n > 0.0 and sample.force_n > self.settings.contact_n:
+        touches = low_n > 0.0 and sample.force_n > self.settings.contact_n
+        if touches:
             self._touched_s = sample.time_s
             wanted_n = max(self._target_n, self.settings.touch_n)
             too_deep_mm = max(0.0, sample.force_n - wanted_n) / self._observer.gain_n_per_mm
@@ -282,7 +283,7 @@ class ControlLoop:
             while self._light_mm[0][0] < sample.time_s - self._longest_beat_s:
                 self._light_mm.popleft()
         if self.state is ControlState.APPROACH:
-            if self._touched_s == sample.time_s:
+            if touches:
                 recoil_mm = 0.0 if self.settings.controller == "none" else self.settings.recoil_mm
                 self._touch_mm = max(0.0, self._wanted_mm - recoil_mm)
                 self._contact_s = sample.time_s

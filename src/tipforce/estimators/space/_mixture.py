@@ -6,6 +6,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ...types import FloatArray, IntArray
 from ..session import DIRECTIONS_RAD, MOST_PULL
@@ -89,10 +90,21 @@ def _samples(nodes: Nodes, best: float, largest_n: float, direction: SpaceDirect
     # the volume of a node, and of the Gaussian across it; the other unknowns are the same with and without a force
     volume = nodes.spacing * (2.0 * math.pi) ** (0.5 * free)
     flat *= volume
-    possible = flat * of_magnitude * (axial < MOST_PULL * size)
+    possible = flat * of_magnitude * _is_possible(axial, size, largest_n)
     weight = possible * of_angle * direction.density(points, nodes.tip_axis[int(nodes.log_weight.argmax())])
     of_direction = possible / np.sqrt(size**2 + least2)  # an angle has an area of the size squared
     return _Samples(points, flat, weight, of_direction, np.repeat(np.arange(len(nodes.q)), len(unit)))
+
+
+def _is_possible(axial: FloatArray, size: FloatArray, largest_n: float) -> npt.NDArray[np.bool_]:
+    """Returns (n,) whether a tissue can push so: not along the tip's axis, but for friction, and at most so much.
+
+    Args:
+        axial: (n,) components of the forces along the tip's axis, N.
+        size: (n,) their magnitudes, N.
+        largest_n: the prior of the force ends here.
+    """
+    return (axial < MOST_PULL * size) & (size <= largest_n)
 
 
 def mixed_force(
@@ -171,7 +183,7 @@ def _widen_by_profile(grids: Sequence[Nodes], free: Fit, largest_n: float, low: 
         force = nodes.q[:, :FORCE]
         size = np.linalg.norm(force, axis=1)
         axial = np.einsum("pk,pk->p", force, nodes.tip_axis)
-        pushes = (axial < MOST_PULL * size) & (size <= largest_n)
+        pushes = _is_possible(axial, size, largest_n)
         use = pushes & (spare_cost >= 0.0)
         if use.any():
             direction = force / np.maximum(size, 1e-9)[:, None]
