@@ -43,6 +43,7 @@ def late() -> SimulatedBench:
     return next(bench for bench in benches if bench.arrived("a")[0] == 0 < bench.arrived("b")[0])
 
 
+@pytest.mark.slow
 def test_two_views_as_dicom_stay_on_one_clock_where_the_first_image_of_one_was_dropped(late, tmp_path):
     pytest.importorskip("pydicom")
     leave_dicom(late, tmp_path / "session", lambda: None)

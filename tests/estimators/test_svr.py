@@ -275,6 +275,7 @@ def test_an_observation_of_the_wrong_kind_never_raises(world: World) -> None:
     assert not stream.update(Observation(0, {})).valid
 
 
+@pytest.mark.slow
 def test_images_are_learnt_from_and_what_they_hide_is_said(tmp_path: Path) -> None:
     """From image files to forces; vision calibrated on the way; an image without a catheter gets its reason."""
     write_images(tmp_path / "data")

@@ -184,6 +184,7 @@ def test_a_method_that_never_answers_still_gets_a_report(make_bench, make_ridge,
     assert report_lines(figures)
 
 
+@pytest.mark.slow
 def test_unbounded_intervals_are_shown_as_what_they_are(make_bench, make_ridge, tmp_path):
     result = evaluate(
         make_bench(), [Method("vague", make_ridge(unbounded=True))], EvaluationSettings(protocols=["session"])

@@ -33,6 +33,7 @@ def logged_class(ridge_class):
     return Logged
 
 
+@pytest.mark.slow
 def test_the_report_shows_the_learning_curve_of_a_method_that_keeps_a_log(
     make_bench, logged_class, tmp_path, no_head_figures
 ):

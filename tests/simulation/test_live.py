@@ -90,6 +90,7 @@ def test_without_commands_each_stream_is_the_recorded_one_to_the_byte():
         np.testing.assert_array_equal(truth.mask_bytes, whole.mask_bytes)
 
 
+@pytest.mark.slow
 def test_two_views_are_the_recorded_ones_to_the_byte_where_images_of_either_are_dropped():
     clock = {"fps": 3.0, "dropped_share": 0.2}
     small = PRESETS["biplane"].model_dump() | {"width": 128, "height": 128, "view_delay_s": 0.05}

@@ -59,6 +59,7 @@ def test_another_seed_is_another_bench(benches):
     assert other.session.bench_model.parameters.device != benches[0].session.bench_model.parameters.device
 
 
+@pytest.mark.slow
 def test_single_images_come_from_the_same_bench_and_from_contact_alone():
     wanted = sample_set(THESIS, seed=3, samples=20, per_session=10)
     bench = wanted.bench(0)

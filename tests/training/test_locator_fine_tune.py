@@ -155,6 +155,7 @@ def test_the_seed_decides_and_the_frozen_part_stays(network, rehearsal):
     assert not torch.equal(first.network.head.weight, network.head.weight)
 
 
+@pytest.mark.slow
 def test_the_loss_on_other_benches_holds_the_network_back(network, rehearsal):
     moved = [
         fine_tune(network, [example(0)], rehearsal, FineTuneSettings(steps=2, batch=4, rate=1e-3, kept_weight=weight))

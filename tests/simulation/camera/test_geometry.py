@@ -78,6 +78,7 @@ def brute_force(camera, shape, radius, sigma, box, finer=8):
     return fine.reshape(h, finer, w, finer)[:, middle, :, middle].mean(axis=(1, 3))
 
 
+@pytest.mark.slow
 def test_the_image_is_that_of_exact_outlines_finely_sampled_and_blurred(arc, plain):
     scene = plain(blur_px=1.2, defocus_px_per_m=0.0)
     renderer = CameraRenderer(scene, LENGTH_M)
