@@ -1,14 +1,14 @@
 """Exports a checkpoint of the locator to an ONNX graph, and says how far its outputs are from the network's.
 
     python -m bench.locator.export DIR/locator.pt OUT.onnx [--mean-with BEGUN.onnx]
-        [--eight-bit OUT8.onnx --checks DIR/checks.npz]
+        [--eight-bit OUT8.onnx --checks DIR/checks.npz [--xray]]
 
 The running mean of the weights in DIR/locator.pt, the state of a training, is exported; with ``--mean-with`` the mean
 of these and of the weights that the training began with (Wortsman et al., Robust fine-tuning of zero-shot models, CVPR
 2022). Large weights are stored in half precision: the graph is compared with the network that has the stored ones.
 Input and outputs of the graph: see ``tipforce.training.locator.export_locator``. The graph in 8 bits is calibrated on
-drawn windows, and is written only where it finds at most 1 % fewer lines in the windows of DIR/checks.npz
-(``python -m bench.locator.feed``).
+drawn windows, with ``--xray`` only X-ray images, and is written only where it finds at most 1 % fewer lines in the
+windows of DIR/checks.npz (``python -m bench.locator.feed``).
 """
 
 import argparse
@@ -24,6 +24,7 @@ import numpy.typing as npt
 import onnxruntime
 import torch
 from bench.locator import feed
+from bench.locator.scene import XRAY_SHARE
 from bench.locator.train import figures, read_weights
 
 from tipforce.training._quantisation import fold_batch_norms, quantise_nodes
@@ -91,10 +92,16 @@ def quantise_locator(graph: bytes, batches: Iterable[npt.NDArray[Any]]) -> bytes
     return quantise_nodes(model, inputs, excluded, kinds=QUANTISED, cut_outliers=True).SerializeToString()
 
 
-def calibration_inputs(count: int) -> list[npt.NDArray[np.float32]]:
-    """Returns inputs (1, 3 + PROMPT_CHANNELS, WINDOW_PX, WINDOW_PX) of windows, half of them of the presets."""
+def calibration_inputs(count: int, *, xray: bool = False) -> list[npt.NDArray[np.float32]]:
+    """Returns inputs (1, 3 + PROMPT_CHANNELS, WINDOW_PX, WINDOW_PX) of windows, half of them of the presets.
+
+    Args:
+        count: number of windows.
+        xray: whether all of them are X-ray images.
+    """
     rng = np.random.default_rng(CALIBRATION_SEED)
-    both = feed.scene_windows(rng), feed.preset_windows(rng, CALIBRATION_SEED)
+    scenes = feed.scene_windows(rng, 1.0 if xray else XRAY_SHARE)
+    both = scenes, feed.preset_windows(rng, CALIBRATION_SEED, feed.image_shares(1.0 if xray else None))
     windows = [
         one for source, every in zip(both, (1, 8), strict=True) for one in islice(source, 0, every * count // 2, every)
     ]
@@ -136,6 +143,7 @@ def main() -> None:
     parser.add_argument("--mean-with", type=Path, help="graph or state of the network whose weights count half")
     parser.add_argument("--eight-bit", type=Path, help="also write the graph in 8 bits to this file")
     parser.add_argument("--checks", type=Path, help="windows that judge the graph in 8 bits")
+    parser.add_argument("--xray", action="store_true", help="calibrate the graph in 8 bits on X-ray images")
     options = parser.parse_args()
     if (options.eight_bit is None) != (options.checks is None):
         parser.error("--eight-bit and --checks belong together")
@@ -152,7 +160,7 @@ def main() -> None:
     options.out.write_bytes(graph)
     print(f"{options.out}: {len(graph) / 1e6:.1f} MB, outputs within {largest:.1g} of the network's")
     if options.eight_bit:
-        quantised = quantise_locator(graph, calibration_inputs(CALIBRATION_WINDOWS))
+        quantised = quantise_locator(graph, calibration_inputs(CALIBRATION_WINDOWS, xray=options.xray))
         (single, single_ms), (eight, eight_ms) = (share_of_lines(each, options.checks) for each in (graph, quantised))
         print(
             f"single precision: {single:.2%} of the lines, {single_ms:.1f} ms; 8 bits: {eight:.2%}, {eight_ms:.1f} ms"

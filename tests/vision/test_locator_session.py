@@ -30,13 +30,17 @@ from tipforce.vision import (
     locator as locator_package,
 )
 from tipforce.vision._auto_calibrate import _compared
+from tipforce.vision._by_locator import LocatorDetector
 from tipforce.vision.locator import (
     ACROSS,
     ALONG,
+    CAMERA_GRAPHS,
     HALF_WIDTH,
+    XRAY_DETECTOR,
     Located,
     Prompts,
     SessionConstants,
+    _networks,
     as_colour,
     locate,
     session_constants,
@@ -56,9 +60,9 @@ HIDDEN_TIPS = VisionSettings(method="auto", max_tip_std_px=1e5)
 
 
 @functools.cache
-def session() -> tuple[list[Image], list[np.ndarray], SessionInfo]:
-    """Images spread over a session of `varied`, their true centrelines, and its metadata."""
-    preset = PRESETS["varied"]
+def session(name: str = "varied") -> tuple[list[Image], list[np.ndarray], SessionInfo]:
+    """Images spread over a session of a preset, their true centrelines, and its metadata."""
+    preset = PRESETS[name]
     world = preset.world.model_copy(update={"seconds": 12.0})
     bench = SimulatedBench(preset.model_copy(update={"world": world}), SEED, SESSION, resolution=FAST)
     at = np.linspace(0, len(bench.frame_s) - 1, FRAMES).astype(int).tolist()
@@ -335,6 +339,21 @@ def test_a_fine_tuned_detector_is_read_from_its_folder(tmp_path: Path):
     assert found.detector == str(tmp_path)
     assert found.locator is not None
     assert np.linalg.norm(np.array(found.locator.base_px) - constants().base_px) < 4.0
+
+
+def test_xray_images_are_read_by_the_network_for_xray_as_the_saved_settings_say(monkeypatch: pytest.MonkeyPatch):
+    images, _, info = session("fluoro")
+    read: list[Path] = []
+    graph_at = _networks._session
+    monkeypatch.setattr(_networks, "_session", lambda path, *given: read.append(path) or graph_at(path, *given))
+    found = auto_calibrate(AUTO.model_copy(update={"least_probability": 0.0}), images, info)
+    assert found.locator is not None
+    assert found.locator.xray
+    assert set(read) == {XRAY_DETECTOR / "detector.onnx", CAMERA_GRAPHS[1]}
+    read.clear()
+    saved = ResolvedVision.model_validate_json(found.model_dump_json())
+    LocatorDetector(saved).locate(images[0])
+    assert set(read) == {XRAY_DETECTOR / "detector.onnx", CAMERA_GRAPHS[1]}
 
 
 def test_a_detector_of_an_earlier_version_is_refused_with_the_remedy(monkeypatch: pytest.MonkeyPatch):

@@ -6,7 +6,6 @@ import platform
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,16 @@ from .._system.json_files import finite_values
 from ..errors import FileFormatError, InputError
 from ..types import FloatArray, Image
 from ..vision import Annotation, fitted_log_odds, line_log_odds
-from ..vision.locator import DETECTOR_FACTS, DETECTOR_GRAPHS, Located, Prompts, session_constants
+from ..vision.locator import (
+    CAMERA_GRAPHS,
+    DETECTOR_FACTS,
+    DETECTOR_GRAPHS,
+    FULL_PRECISION,
+    XRAY_DETECTOR,
+    Located,
+    Prompts,
+    session_constants,
+)
 
 if TYPE_CHECKING:
     from ..training.locator import LabelledImage
@@ -132,7 +140,8 @@ def fine_tune_locator(
         annotations: the annotated images.
         images: their pixels, in the same order: (h, w, 3) RGB or (h, w).
         folder: the detector folder; it is created, or replaced when everything is done.
-        init: folder of the detector to begin with; None: the one that comes with tipforce.
+        init: folder of the detector to begin with; None: the one that comes with tipforce for camera images,
+            `XRAY_DETECTOR`: the one for X-ray images.
         settings: how to train.
         on_progress: called at least at every step. An error that it raises ends the work; ``folder`` stays.
 
@@ -191,7 +200,7 @@ def fine_tune_locator(
         before, after = (_figures(lines, judged, truth) for lines in (old, new))
         facts: dict[str, Any] = {
             "kind": "tipforce detector",
-            "init": "shipped" if init is None else str(init),
+            "init": "shipped" if init in (None, XRAY_DETECTOR) else str(init),
             "frames": len(trained),
             "left_out": [annotation.image for annotation in truth],
             "settings": {"first": asdict(locator_settings), "second": asdict(line_settings)},
@@ -300,10 +309,9 @@ def _check(annotations: Sequence[Annotation], images: Sequence[Image]) -> None:
 
 
 def _graph_paths(init: Path | None) -> list[Path]:
-    """Returns the ONNX files of both networks to begin with; without ``init`` those of tipforce, single precision."""
-    if init is None:
-        shipped = resources.files("tipforce.vision.locator")
-        return [Path(str(shipped / name)) for name in ("locator.onnx", "refine.onnx")]
+    """Returns the ONNX files of both networks to begin with; those of tipforce before they were rounded to 8 bit."""
+    if init is None or init == XRAY_DETECTOR:
+        return [(init or CAMERA_GRAPHS[0].parent) / FULL_PRECISION, CAMERA_GRAPHS[1]]
     paths = [init / name for name in DETECTOR_GRAPHS]
     for path in paths:
         if not path.is_file():

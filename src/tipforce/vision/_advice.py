@@ -14,7 +14,7 @@ from ..errors import InputError, NoCatheterError
 from ..geometry import arc_length
 from ..types import Box, Catheter, FloatArray, Image, SessionInfo, ViewInfo
 from ._auto_calibrate import auto_calibrate, base_box, side_of
-from ._by_locator import detector_folder, stated_prompts, view_log_odds
+from ._by_locator import detector_folder, detector_log_odds, stated_prompts
 from ._detector import ShapeDetector
 from ._session_size import stated_size_px, with_view
 from ._settings import BaseSide, VisionSettings
@@ -191,8 +191,8 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
         info: its metadata; its stated base and side do not limit the objects.
     """
     stated = with_view(settings, info)
-    network = detector_folder(stated.detector)
-    log_odds = view_log_odds(info.view(stated.view), network, marked=False)
+    network = detector_folder(stated.detector, xray=info.view(stated.view).modality == "xray")
+    log_odds = detector_log_odds(network, marked=False)
     prompts = replace(stated_prompts(stated, stated_size_px(info, stated.view)), region=None, border=None)
     open_size = replace(prompts, length_px=None, diameter_px=None)
     tried = [open_size] if prompts.length_px is None else [prompts, open_size]

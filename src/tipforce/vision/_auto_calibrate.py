@@ -15,7 +15,7 @@ from .._system.rows import evenly_spread
 from ..errors import InputError, NoCatheterError
 from ..geometry import tangents_and_normals
 from ..types import Box, DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._by_locator import detector_folder, same_line, stated_prompts, view_log_odds
+from ._by_locator import detector_folder, detector_log_odds, same_line, stated_prompts
 from ._clamp import INWARD
 from ._session_size import (
     for_session,
@@ -254,7 +254,8 @@ def _of_session(
 ) -> ResolvedVision:
     """Returns the settings for one session, with the constants that the locator finds in its images."""
     located = frames[:: -(-len(frames) // MAX_LOCATED_FRAMES)]
-    network = detector_folder(stated.detector)
+    xray = info.view(stated.view).modality == "xray"
+    network = detector_folder(stated.detector, xray=xray)
     try:
         constants = session_constants(
             located,
@@ -281,7 +282,7 @@ def _of_session(
         if not agrees and enough_images(frames):
             raise NoCatheterError("the tracer follows another object than the locator finds", _remedy(stated))
         return _with_rejection(traced)
-    log_odds = view_log_odds(info.view(stated.view), network, marked=stated.base_region is not None)
+    log_odds = detector_log_odds(network, marked=stated.base_region is not None)
     likely = max((probability(line, log_odds) for line in constants.lines if line is not None), default=0.0)
     if not agrees and likely < min(MIN_SESSION_PROBABILITY, settings.least_probability):
         begins = constants.base_px
@@ -298,6 +299,7 @@ def _of_session(
         length_std_px=round(max(constants.length_std_px, 0.1), 1),
         diameter_px=round(constants.diameter_px, 1),
         log_odds=round(log_odds, 3),
+        xray=xray,
         tracer=exact,
     )
     return _with_rejection(
@@ -385,7 +387,8 @@ def _shared(
         own = with_view(settings, info)
         try:
             prompts = stated_prompts(own, stated_size_px(info, own.view))
-            constants = session_constants([frame], prompts, moves=False, network=detector_folder(own.detector))
+            network = detector_folder(own.detector, xray=info.view(own.view).modality == "xray")
+            constants = session_constants([frame], prompts, moves=False, network=network)
         except InputError as error:
             reason = error
             continue

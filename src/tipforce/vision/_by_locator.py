@@ -8,14 +8,13 @@ import numpy as np
 from .._system.json_files import read_json
 from ..errors import FileFormatError, InputError
 from ..geometry import tangents_and_normals
-from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status, ViewInfo
+from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status
 from ._settings import ResolvedVision, VisionSettings, usual_tip_std_px
 from .locator import (
     DETECTOR_FACTS,
     DETECTOR_GRAPHS,
     MARKED_LOG_ODDS,
-    UNMARKED_XRAY_LOG_ODDS,
-    XRAY_LOG_ODDS,
+    XRAY_DETECTOR,
     Known,
     Located,
     Prompts,
@@ -38,14 +37,18 @@ MIN_TIP_SEEN = 0.5
 """With less probability that it is visible a tip is hidden."""
 
 
-def detector_folder(detector: str | None) -> Path | None:
-    """Returns the folder of a fine-tuned detector; None for the networks that come with tipforce.
+def detector_folder(detector: str | None, *, xray: bool) -> Path | None:
+    """Returns the folder of a detector; None for the networks that come with tipforce for camera images.
+
+    Args:
+        detector: folder of the fine-tuned detector; None: the detector that comes with tipforce.
+        xray: whether the images are X-ray images.
 
     Raises:
         InputError: one of its files does not exist.
     """
     if detector is None:
-        return None
+        return XRAY_DETECTOR if xray else None
     for name in (*DETECTOR_GRAPHS, DETECTOR_FACTS):
         path = Path(detector) / name
         if not path.is_file():
@@ -55,20 +58,17 @@ def detector_folder(detector: str | None) -> Path | None:
     return Path(detector)
 
 
-def view_log_odds(view: ViewInfo, folder: Path | None, *, marked: bool) -> float:
-    """Returns the ``log_odds`` of the lines in a view: of X-ray, a mark, and a fine-tuned detector; see `probability`.
+def detector_log_odds(folder: Path | None, *, marked: bool) -> float:
+    """Returns the ``log_odds`` of the lines of a detector, with or without a mark; see `probability`.
 
     Args:
-        view: metadata of the view.
-        folder: folder of the detector; None: the networks that come with tipforce.
+        folder: folder of the detector; None: the networks that come with tipforce for camera images.
         marked: whether a user has marked the base.
 
     Raises:
         FileFormatError: its facts cannot be read.
     """
     own = MARKED_LOG_ODDS if marked else 0.0
-    if view.modality == "xray":
-        own += XRAY_LOG_ODDS + (0.0 if marked else UNMARKED_XRAY_LOG_ODDS)
     if folder is None:
         return own
     facts = read_json(folder / DETECTOR_FACTS)
@@ -125,7 +125,7 @@ class LocatorDetector:
             length_px=vision.locator.length_px,
             diameter_px=vision.locator.diameter_px,
         )
-        self._detector = detector_folder(vision.detector)
+        self._detector = detector_folder(vision.detector, xray=vision.locator.xray)
         self._known = Known(
             vision.locator.length_px,
             vision.locator.length_std_px,

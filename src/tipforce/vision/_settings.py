@@ -120,6 +120,8 @@ class LocatorPrior(BaseModel):
     diameter_px: _FoundPx
     log_odds: Annotated[float, Field(ge=-30, le=30)] = 0.0
     """Logit by which its lines are right more often than those of the shipped networks in camera images."""
+    xray: bool = False
+    """The images are X-ray images."""
     tracer: bool
     """The tracer finds the same line as exactly, and is asked first: it is faster."""
 

@@ -2,14 +2,12 @@
 
 from ._line_probability import (
     MARKED_LOG_ODDS,
-    UNMARKED_XRAY_LOG_ODDS,
-    XRAY_LOG_ODDS,
     fitted_log_odds,
     line_log_odds,
     probability,
 )
 from ._locate import Located, as_colour, locate, read_points, rough_line
-from ._networks import DETECTOR_FACTS, DETECTOR_GRAPHS, RoughPoints
+from ._networks import CAMERA_GRAPHS, DETECTOR_FACTS, DETECTOR_GRAPHS, FULL_PRECISION, XRAY_DETECTOR, RoughPoints
 from ._prompts import Prompts
 from ._reading import Known
 from ._session import MIN_FRAMES, SessionConstants, object_prompts, session_constants
@@ -18,13 +16,14 @@ from ._strip import ACROSS, ALONG, HALF_WIDTH, straightened, strip_input
 __all__ = [
     "ACROSS",
     "ALONG",
+    "CAMERA_GRAPHS",
     "DETECTOR_FACTS",
     "DETECTOR_GRAPHS",
+    "FULL_PRECISION",
     "HALF_WIDTH",
     "MARKED_LOG_ODDS",
     "MIN_FRAMES",
-    "UNMARKED_XRAY_LOG_ODDS",
-    "XRAY_LOG_ODDS",
+    "XRAY_DETECTOR",
     "Known",
     "Located",
     "Prompts",

@@ -48,16 +48,11 @@ SPREADS = np.array([4.23, 1.24, 4.19, 0.322, 1.05, 0.626, 0.156, 0.811, 0.174, 0
 WEIGHTS = np.array([
     1.37, 0.337, 0.905, 0.0734, 1.03, 0.936, -0.739, 0.0905, -0.259, -0.639, -0.722,
 ])  # fmt: skip
-XRAY_LOG_ODDS, MARKED_LOG_ODDS = -0.469, 0.709
+MARKED_LOG_ODDS = 0.709
 # END
-"""Weights of a logistic regression on the features, standardised, the constant first, and the logits by which lines are
-right more often in X-ray images, and where a user has marked the base: simulated sessions and composed scenes that were
-not used in training, docs/results/locator.md."""
-
-UNMARKED_XRAY_LOG_ODDS = -0.8
-"""Logit that is added in X-ray images where no base is marked: a line along another instrument has the features of a
-right one. Chosen with an earlier line network on 74 sessions of `fluoro` and `biplane`, of which 9 show another
-instrument in most frames."""
+"""Weights of a logistic regression on the features, standardised, the constant first, and the logit by which lines are
+right more often where a user has marked the base: simulated sessions and composed scenes that were not used in
+training, docs/results/locator.md."""
 
 PRIOR_STD = 1.5
 """Standard deviation of ``log_odds`` before a line of the fine-tuned detector is judged."""
@@ -106,7 +101,7 @@ def probability(line: Located, log_odds: float = 0.0) -> float:
 
     Args:
         line: a line of the locator.
-        log_odds: logit by which lines of this session are right more often: of its detector, X-ray, a marked base.
+        log_odds: logit by which lines of this session are right more often: of its detector, of a marked base.
     """
     return 1.0 / (1.0 + math.exp(-min(max(line_log_odds(line) + log_odds, -30.0), 30.0)))
 

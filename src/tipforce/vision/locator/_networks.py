@@ -1,4 +1,4 @@
-"""The two trained networks as ONNX graphs, loaded when first used: those of tipforce, or of a fine-tuned detector."""
+"""The two trained networks as ONNX graphs, loaded when first used: those of tipforce or of a fine-tuned detector."""
 
 from functools import cache
 from importlib import resources
@@ -26,8 +26,13 @@ DETECTOR_GRAPHS = ("detector.onnx", "line.onnx")
 """Files of the first and the second network in the folder of a fine-tuned detector."""
 DETECTOR_FACTS = "detector.json"
 """File in this folder that says how the detector was made."""
-_SHIPPED_GRAPHS = ("locator.int8.onnx", "refine.onnx")
-"""Files of both networks that come with tipforce."""
+_SHIPPED = Path(str(resources.files(__name__.rpartition(".")[0])))
+CAMERA_GRAPHS = (_SHIPPED / "locator.int8.onnx", _SHIPPED / "refine.onnx")
+"""Both networks that come with tipforce for camera images; the second one reads X-ray images, too."""
+XRAY_DETECTOR = _SHIPPED / "xray"
+"""Folder of the detector that comes with tipforce for X-ray images; it has a first network of its own."""
+FULL_PRECISION = "locator.onnx"
+"""File of a first network that comes with tipforce, before it was rounded to 8 bit: fine-tuning begins with it."""
 
 
 class RoughPoints(NamedTuple):
@@ -69,8 +74,8 @@ class Offsets(NamedTuple):
 
 def _graph(folder: Path | None, number: int) -> Any:
     """Returns the graph of the first network (0) or the second (1); a file that has changed is read again."""
-    if folder is None:
-        return _session(Path(str(resources.files(__name__.rpartition(".")[0]) / _SHIPPED_GRAPHS[number])))
+    if folder is None or (folder == XRAY_DETECTOR and number == 1):
+        return _session(CAMERA_GRAPHS[number])
     path = folder / DETECTOR_GRAPHS[number]
     return _session(path, path.stat().st_mtime_ns)
 
@@ -91,7 +96,7 @@ def rough_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path |
     Args:
         image: (h, w, 3) RGB, in which the catheter should be some 110 px long.
         prompts: in px of ``image``.
-        network: folder of fine-tuned networks; None: those that come with tipforce.
+        network: folder of a detector; None: the networks that come with tipforce for camera images.
     """
     rows, columns = image.shape[:2]
     bottom, right = -rows % _MULTIPLE_PX, -columns % _MULTIPLE_PX
@@ -126,7 +131,7 @@ def refine(strip: Strip, network: Path | None = None) -> Offsets:
 
     Args:
         strip: the strip.
-        network: folder of fine-tuned networks; None: those that come with tipforce.
+        network: folder of a detector; None: the networks that come with tipforce for camera images.
 
     Raises:
         FileFormatError: an earlier version of tipforce fine-tuned the network.
