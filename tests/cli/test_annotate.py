@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 from tipforce.cli import app
 from tipforce.errors import InputError, OutputError
 from tipforce.types import read_bench
+from tipforce.vision.locator import XRAY_DETECTOR
 
 from .conftest import bend_at, draw_image  # type: ignore[import-not-found]
 
@@ -46,8 +47,8 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Calls of the training, which does nothing."""
     calls: list[Any] = []
 
-    def fine_tune(annotations, images, folder, *, on_progress):
-        calls.append((folder, annotations, images))
+    def fine_tune(annotations, images, folder, *, init, on_progress):
+        calls.append((folder, annotations, images, init))
         on_progress("training", 0.5)
         return Trained(folder)
 
@@ -77,8 +78,9 @@ def test_the_detector_is_trained_on_the_finished_frames(folder: Path, trained: l
     result = run("frames", "--from", "lines.csv", "--train")
     assert result.exit_code == 0
     assert re.search(r"trained on 2 frames in 3 s; wrote .*detector", result.output)
-    ((detector, annotations, images),) = trained
+    ((detector, annotations, images, init),) = trained
     assert detector == Path("detector")
+    assert init is None
     assert [each.points_px.shape for each in annotations] == [(64, 2), (64, 2)]
     assert np.array_equal(images[0], draw_image(bend_at(0)))
 
@@ -93,6 +95,13 @@ def test_the_detector_is_stored_beside_the_bench_file(folder: Path, trained: lis
     assert [detector for detector, *_ in trained] == [Path("lab/detector"), Path("own")]
     assert bench.read_text().startswith("# my bench\n[views.camera]\nbase_side = 'left'\n")
     assert read_bench(bench).view("camera").detector == str(folder / "lab" / "detector")
+
+
+def test_the_training_for_xray_images_begins_with_the_network_for_xray(folder: Path, trained: list[Any]) -> None:
+    (folder / "bench.toml").write_text("[views.camera]\nmodality = 'xray'\n")
+    result = run("frames", "--from", "lines.csv", "--train", "--bench", "bench.toml")
+    assert result.exit_code == 0
+    assert [init for *_, init in trained] == [XRAY_DETECTOR]
 
 
 def test_the_page_is_served_until_it_is_finished(
