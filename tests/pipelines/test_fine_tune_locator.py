@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tipforce.errors import FileFormatError, InputError, ModelError
-from tipforce.pipelines import LocatorFineTuneSettings, fine_tune_locator
+from tipforce.pipelines import LocatorFineTuneSettings, _fine_tune_locator, fine_tune_locator
 from tipforce.vision import Annotation, locator
 
 torch = pytest.importorskip("torch")
@@ -78,6 +78,14 @@ def test_annotated_images_become_a_detector_folder(init, tmp_path: Path):
     assert not torch.equal(tuned.head.weight, locator_from_graph(init / "detector.onnx").head.weight)
     session = pytest.importorskip("onnxruntime").InferenceSession(str(folder / "detector.onnx"))
     assert [each.name for each in session.get_outputs()] == ["heat", "states", "present"]
+
+
+def test_a_detector_for_xray_keeps_the_doubt_of_the_one_that_it_began_with():
+    assert all(path.is_file() for path in _fine_tune_locator._graph_paths(locator.XRAY_DETECTOR))
+    doubt = _fine_tune_locator._first_log_odds(locator.XRAY_DETECTOR)
+    assert doubt < 0.0
+    assert _fine_tune_locator._first_log_odds(None) == 0.0
+    assert _fine_tune_locator._log_odds([], [], [], doubt) == doubt
 
 
 def test_a_cancelled_training_leaves_the_old_folder(init, tmp_path: Path):

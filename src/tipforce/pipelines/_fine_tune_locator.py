@@ -14,7 +14,7 @@ import numpy as np
 
 from .._system.atomic import replacing_folder
 from .._system.extras import import_extra
-from .._system.json_files import finite_values
+from .._system.json_files import finite_values, read_json
 from ..errors import FileFormatError, InputError
 from ..types import FloatArray, Image
 from ..vision import Annotation, fitted_log_odds, line_log_odds
@@ -206,7 +206,7 @@ def fine_tune_locator(
             "settings": {"first": asdict(locator_settings), "second": asdict(line_settings)},
             "steps": [tuned_locator.steps, tuned_line.steps],
             "training_s": round(tuned_locator.seconds + tuned_line.seconds, 1),
-            "log_odds": round(_log_odds(new, judged, truth), 3),
+            "log_odds": round(_log_odds(new, judged, truth, _first_log_odds(init)), 3),
             "before": before and asdict(before),
             "after": after and asdict(after),
             "versions": {name: version(name) for name in ("tipforce", "torch", "onnx", "numpy")}
@@ -231,7 +231,7 @@ def _detected(image: Image, prompts: Prompts, network: Path | None) -> Located |
 
 
 def _log_odds(
-    lines: Sequence[Located | None], labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation]
+    lines: Sequence[Located | None], labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation], first: float
 ) -> float:
     """Returns by how much the lines are right more often than their probability says; see `fitted_log_odds`.
 
@@ -241,6 +241,7 @@ def _log_odds(
         lines: lines that the fine-tuned detector found; None without one.
         labelled: the images left out, with their annotated lines.
         truth: their annotations.
+        first: the value without evidence.
 
     Returns:
         Difference of log-odds; detection adds it to the score of a line.
@@ -250,12 +251,17 @@ def _log_odds(
     for line, image, annotation in zip(lines, labelled, truth, strict=True):
         if line is not None:
             ends_px = _ends_off_px(line.points, image.line_px)[: 1 if annotation.tip_hidden else 2]
-            scores.append(line_log_odds(line))
+            scores.append(line_log_odds(line) + first)
             right.append(
                 _right(line.points, image.line_px)
                 and max(ends_px) < END_WITHIN_LENGTH_SHARE * _length_px(image.line_px)
             )
-    return fitted_log_odds(scores, right)
+    return first + fitted_log_odds(scores, right)
+
+
+def _first_log_odds(init: Path | None) -> float:
+    """Returns the ``log_odds`` before a line is judged: under X-ray another instrument may look like the catheter."""
+    return float(read_json(XRAY_DETECTOR / DETECTOR_FACTS)["log_odds"]) if init == XRAY_DETECTOR else 0.0
 
 
 def _within(report: Progress, text: str, first: float, last: float) -> Progress:
