@@ -18,7 +18,6 @@ from typer.testing import CliRunner
 from tipforce.cli import app
 from tipforce.errors import InputError, OutputError
 from tipforce.types import read_bench
-from tipforce.vision.locator import XRAY_DETECTOR
 
 from .conftest import bend_at, draw_image  # type: ignore[import-not-found]
 
@@ -47,8 +46,8 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Calls of the training, which does nothing."""
     calls: list[Any] = []
 
-    def fine_tune(annotations, images, folder, *, init, on_progress):
-        calls.append((folder, annotations, images, init))
+    def fine_tune(annotations, images, folder, *, xray, on_progress):
+        calls.append((folder, annotations, images, xray))
         on_progress("training", 0.5)
         return Trained(folder)
 
@@ -78,9 +77,9 @@ def test_the_detector_is_trained_on_the_finished_frames(folder: Path, trained: l
     result = run("frames", "--from", "lines.csv", "--train")
     assert result.exit_code == 0
     assert re.search(r"trained on 2 frames in 3 s; wrote .*detector", result.output)
-    ((detector, annotations, images, init),) = trained
+    ((detector, annotations, images, xray),) = trained
     assert detector == Path("detector")
-    assert init is None
+    assert not xray
     assert [each.points_px.shape for each in annotations] == [(64, 2), (64, 2)]
     assert np.array_equal(images[0], draw_image(bend_at(0)))
 
@@ -101,7 +100,7 @@ def test_the_training_for_xray_images_begins_with_the_network_for_xray(folder: P
     (folder / "bench.toml").write_text("[views.camera]\nmodality = 'xray'\n")
     result = run("frames", "--from", "lines.csv", "--train", "--bench", "bench.toml")
     assert result.exit_code == 0
-    assert [init for *_, init in trained] == [XRAY_DETECTOR]
+    assert [xray for *_, xray in trained] == [True]
 
 
 def test_the_page_is_served_until_it_is_finished(

@@ -8,6 +8,7 @@ import pytest
 
 from tipforce.errors import FileFormatError, InputError, ModelError
 from tipforce.pipelines import LocatorFineTuneSettings, _fine_tune_locator, fine_tune_locator
+from tipforce.pipelines._fine_tune_locator import _graph_paths
 from tipforce.vision import Annotation, locator
 
 torch = pytest.importorskip("torch")
@@ -80,12 +81,18 @@ def test_annotated_images_become_a_detector_folder(init, tmp_path: Path):
     assert [each.name for each in session.get_outputs()] == ["heat", "states", "present"]
 
 
-def test_a_detector_for_xray_keeps_the_doubt_of_the_one_that_it_began_with():
-    assert all(path.is_file() for path in _fine_tune_locator._graph_paths(locator.XRAY_DETECTOR))
-    doubt = _fine_tune_locator._first_log_odds(locator.XRAY_DETECTOR)
-    assert doubt < 0.0
-    assert _fine_tune_locator._first_log_odds(None) == 0.0
-    assert _fine_tune_locator._log_odds([], [], [], doubt) == doubt
+def test_a_detector_for_xray_images_begins_with_the_network_for_them(monkeypatch, tmp_path: Path):
+    begun: list[Path | None] = []
+
+    def paths(first: Path | None) -> list[Path]:
+        begun.append(first)
+        raise ModelError("no training")
+
+    monkeypatch.setattr(_fine_tune_locator, "_graph_paths", paths)
+    with pytest.raises(ModelError):
+        fine_tune_locator(ANNOTATIONS, IMAGES, tmp_path / "out", xray=True)
+    assert begun == [locator.XRAY_DETECTOR]
+    assert all(path.is_file() for path in _graph_paths(locator.XRAY_DETECTOR))
 
 
 def test_a_cancelled_training_leaves_the_old_folder(init, tmp_path: Path):

@@ -5,7 +5,7 @@ import pytest
 
 from tipforce.types import FloatArray
 from tipforce.vision.locator import Prompts
-from tipforce.vision.locator._peaks import STRIDE, course, peak_at, shares_of
+from tipforce.vision.locator._peaks import STRIDE, course, peaks_at, shares_of
 
 POINTS, ROWS, COLUMNS = 16, 40, 120
 
@@ -36,11 +36,13 @@ def test_the_points_are_on_the_object_that_is_surer_along_its_whole_length():
 
 
 def test_a_peak_between_cells_is_found_between_them():
-    shares = np.zeros((ROWS, COLUMNS))
-    shares[7, 30] = shares[7, 31] = 0.4
-    point, mass = peak_at(shares, 7, 30)
-    assert point == pytest.approx([31.0 * STRIDE - 0.5, 7.5 * STRIDE - 0.5])
-    assert mass == pytest.approx(0.8)
+    shares = np.zeros((2, ROWS, COLUMNS))
+    shares[1, 7, 30] = shares[1, 7, 31] = 0.4
+    shares[0, 0, COLUMNS - 1] = 0.6
+    points, mass = peaks_at(shares, np.array([1, 0]), np.array([7, 0]), np.array([30, COLUMNS - 1]))
+    assert points[0] == pytest.approx([31.0 * STRIDE - 0.5, 7.5 * STRIDE - 0.5])
+    assert points[1] == pytest.approx([(COLUMNS - 0.5) * STRIDE - 0.5, 0.5 * STRIDE - 0.5])
+    assert mass == pytest.approx([0.8, 0.6])
 
 
 def test_the_shares_of_a_map_without_evidence_are_small():

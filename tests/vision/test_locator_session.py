@@ -25,6 +25,7 @@ from tipforce.vision import (
     auto_calibrate,
     fitted_log_odds,
     for_session,
+    line_log_odds,
 )
 from tipforce.vision import (
     locator as locator_package,
@@ -352,8 +353,11 @@ def test_xray_images_are_read_by_the_network_for_xray_as_the_saved_settings_say(
     assert set(read) == {XRAY_DETECTOR / "detector.onnx", CAMERA_GRAPHS[1]}
     read.clear()
     saved = ResolvedVision.model_validate_json(found.model_dump_json())
-    LocatorDetector(saved).locate(images[0])
+    line = LocatorDetector(saved).locate(images[0])
     assert set(read) == {XRAY_DETECTOR / "detector.onnx", CAMERA_GRAPHS[1]}
+    assert line is not None
+    assert line.xray
+    assert line_log_odds(line) != line_log_odds(replace(line, xray=False))
 
 
 def test_a_detector_of_an_earlier_version_is_refused_with_the_remedy(monkeypatch: pytest.MonkeyPatch):

@@ -34,7 +34,6 @@ from ..estimators import Progress, no_progress
 from ..io import atomic_text
 from ..types import DetectedShape, Image, SessionInfo, edited_bench
 from ..vision import SessionDetector, VisionSettings
-from ..vision.locator import XRAY_DETECTOR
 from ._estimate import session_info_from
 
 if TYPE_CHECKING:
@@ -239,8 +238,8 @@ class AnnotationJob:
         from ._fine_tune_locator import fine_tune_locator
 
         views = [info.view(self._vision.view) for info in self.images.session_info]
-        begin = XRAY_DETECTOR if all(view.modality == "xray" for view in views) else None
-        trained = fine_tune_locator(annotations, images, self.detector, init=begin, on_progress=progress)
+        xray = all(view.modality == "xray" for view in views)
+        trained = fine_tune_locator(annotations, images, self.detector, xray=xray, on_progress=progress)
         if self._bench_file is not None:
             name_detector(self._bench_file, self._vision.view, self.detector)
         return trained

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._system.atomic import replacing_folder
 from .._system.extras import import_extra
-from .._system.json_files import finite_values, read_json
+from .._system.json_files import finite_values
 from ..errors import FileFormatError, InputError
 from ..types import FloatArray, Image
 from ..vision import Annotation, fitted_log_odds, line_log_odds
@@ -128,6 +128,7 @@ def fine_tune_locator(
     folder: Path,
     *,
     init: Path | None = None,
+    xray: bool = False,
     settings: LocatorFineTuneSettings | None = None,
     on_progress: Progress | None = None,
 ) -> FineTuneResult:
@@ -140,8 +141,8 @@ def fine_tune_locator(
         annotations: the annotated images.
         images: their pixels, in the same order: (h, w, 3) RGB or (h, w).
         folder: the detector folder; it is created, or replaced when everything is done.
-        init: folder of the detector to begin with; None: the one that comes with tipforce for camera images,
-            `XRAY_DETECTOR`: the one for X-ray images.
+        init: folder of the detector to begin with; None: the one that comes with tipforce for these images.
+        xray: whether they are X-ray images.
         settings: how to train.
         on_progress: called at least at every step. An error that it raises ends the work; ``folder`` stays.
 
@@ -171,7 +172,8 @@ def fine_tune_locator(
     report: Progress = on_progress or (lambda _text, _share: None)
     _check(annotations, images)
     report("reading the networks", 0.0)
-    graphs = _graph_paths(init)
+    first = XRAY_DETECTOR if init is None and xray else init
+    graphs = _graph_paths(first)
     locator, line_network = locator_from_graph(graphs[0]), line_network_from_graph(graphs[1])
     # images that are left out judge the training; the others, and windows of other benches, are its data
     left_out = _left_out(annotations, settings.seed)
@@ -191,22 +193,23 @@ def fine_tune_locator(
     tuned_line = fine_tune_line(line_network, trained, rehearsal, line_settings, line_progress)
     report("judging the images that were left out", TRAINED_SHARE)
     # detection gets the usual length of the catheter, as in a session; the judged images do not contribute to it
-    prompts = Prompts(length_px=_median_length_px([each for k, each in enumerate(annotations) if k not in left_out]))
+    usual_px = _median_length_px([each for k, each in enumerate(annotations) if k not in left_out])
+    prompts = Prompts(length_px=usual_px, xray=xray)
     truth, judged = [annotations[k] for k in left_out], [labelled[k] for k in left_out]
     with replacing_folder(folder) as part:
         (part / DETECTOR_GRAPHS[0]).write_bytes(graph_with_weights(graphs[0].read_bytes(), tuned_locator.network))
         (part / DETECTOR_GRAPHS[1]).write_bytes(graph_with_line_weights(graphs[1].read_bytes(), tuned_line.network))
-        old, new = ([_detected(image.image, prompts, network) for image in judged] for network in (init, part))
+        old, new = ([_detected(image.image, prompts, network) for image in judged] for network in (first, part))
         before, after = (_figures(lines, judged, truth) for lines in (old, new))
         facts: dict[str, Any] = {
             "kind": "tipforce detector",
-            "init": "shipped" if init in (None, XRAY_DETECTOR) else str(init),
+            "init": "shipped" if init is None else str(init),
             "frames": len(trained),
             "left_out": [annotation.image for annotation in truth],
             "settings": {"first": asdict(locator_settings), "second": asdict(line_settings)},
             "steps": [tuned_locator.steps, tuned_line.steps],
             "training_s": round(tuned_locator.seconds + tuned_line.seconds, 1),
-            "log_odds": round(_log_odds(new, judged, truth, _first_log_odds(init)), 3),
+            "log_odds": round(_log_odds(new, judged, truth), 3),
             "before": before and asdict(before),
             "after": after and asdict(after),
             "versions": {name: version(name) for name in ("tipforce", "torch", "onnx", "numpy")}
@@ -231,7 +234,7 @@ def _detected(image: Image, prompts: Prompts, network: Path | None) -> Located |
 
 
 def _log_odds(
-    lines: Sequence[Located | None], labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation], first: float
+    lines: Sequence[Located | None], labelled: "Sequence[LabelledImage]", truth: Sequence[Annotation]
 ) -> float:
     """Returns by how much the lines are right more often than their probability says; see `fitted_log_odds`.
 
@@ -241,7 +244,6 @@ def _log_odds(
         lines: lines that the fine-tuned detector found; None without one.
         labelled: the images left out, with their annotated lines.
         truth: their annotations.
-        first: the value without evidence.
 
     Returns:
         Difference of log-odds; detection adds it to the score of a line.
@@ -251,17 +253,12 @@ def _log_odds(
     for line, image, annotation in zip(lines, labelled, truth, strict=True):
         if line is not None:
             ends_px = _ends_off_px(line.points, image.line_px)[: 1 if annotation.tip_hidden else 2]
-            scores.append(line_log_odds(line) + first)
+            scores.append(line_log_odds(line))
             right.append(
                 _right(line.points, image.line_px)
                 and max(ends_px) < END_WITHIN_LENGTH_SHARE * _length_px(image.line_px)
             )
-    return first + fitted_log_odds(scores, right)
-
-
-def _first_log_odds(init: Path | None) -> float:
-    """Returns the ``log_odds`` before a line is judged: under X-ray another instrument may look like the catheter."""
-    return float(read_json(XRAY_DETECTOR / DETECTOR_FACTS)["log_odds"]) if init == XRAY_DETECTOR else 0.0
+    return fitted_log_odds(scores, right)
 
 
 def _within(report: Progress, text: str, first: float, last: float) -> Progress:

@@ -191,9 +191,11 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
         info: its metadata; its stated base and side do not limit the objects.
     """
     stated = with_view(settings, info)
-    network = detector_folder(stated.detector, xray=info.view(stated.view).modality == "xray")
+    xray = info.view(stated.view).modality == "xray"
+    network = detector_folder(stated.detector, xray=xray)
     log_odds = detector_log_odds(network, marked=False)
-    prompts = replace(stated_prompts(stated, stated_size_px(info, stated.view)), region=None, border=None)
+    prompts = stated_prompts(stated, stated_size_px(info, stated.view), xray=xray)
+    prompts = replace(prompts, region=None, border=None)
     open_size = replace(prompts, length_px=None, diameter_px=None)
     tried = [open_size] if prompts.length_px is None else [prompts, open_size]
     objects = [one for each in tried for one in object_prompts(frames, each, MAX_CANDIDATES, MIN_VOTE_SHARE, network)]

@@ -259,7 +259,7 @@ def _of_session(
     try:
         constants = session_constants(
             located,
-            stated_prompts(stated, stated_size_px(info, stated.view)),
+            stated_prompts(stated, stated_size_px(info, stated.view), xray=xray),
             moves=whole and enough_images(frames),
             network=network,
         )
@@ -386,8 +386,9 @@ def _shared(
     for frame, info in zip(frames, each, strict=True):
         own = with_view(settings, info)
         try:
-            prompts = stated_prompts(own, stated_size_px(info, own.view))
-            network = detector_folder(own.detector, xray=info.view(own.view).modality == "xray")
+            xray = info.view(own.view).modality == "xray"
+            prompts = stated_prompts(own, stated_size_px(info, own.view), xray=xray)
+            network = detector_folder(own.detector, xray=xray)
             constants = session_constants([frame], prompts, moves=False, network=network)
         except InputError as error:
             reason = error

@@ -62,14 +62,14 @@ def detector_log_odds(folder: Path | None, *, marked: bool) -> float:
     """Returns the ``log_odds`` of the lines of a detector, with or without a mark; see `probability`.
 
     Args:
-        folder: folder of the detector; None: the networks that come with tipforce for camera images.
+        folder: folder of the detector; None or `XRAY_DETECTOR`: one that comes with tipforce.
         marked: whether a user has marked the base.
 
     Raises:
         FileFormatError: its facts cannot be read.
     """
     own = MARKED_LOG_ODDS if marked else 0.0
-    if folder is None:
+    if folder in (None, XRAY_DETECTOR):
         return own
     facts = read_json(folder / DETECTOR_FACTS)
     found = facts.get("log_odds") if isinstance(facts, dict) else None
@@ -78,14 +78,23 @@ def detector_log_odds(folder: Path | None, *, marked: bool) -> float:
     return own + float(found)
 
 
-def stated_prompts(stated: VisionSettings, size_px: tuple[float | None, float | None] = (None, None)) -> Prompts:
-    """Returns the prompts that settings state; ``size_px``: length and diameter of the catheter, None if unknown."""
+def stated_prompts(
+    stated: VisionSettings, size_px: tuple[float | None, float | None] = (None, None), *, xray: bool
+) -> Prompts:
+    """Returns the prompts that settings state.
+
+    Args:
+        stated: the settings.
+        size_px: length and diameter of the catheter, None if unknown.
+        xray: whether the images are X-ray images.
+    """
     length_px, diameter_px = size_px
     return Prompts(
         region=stated.base_region,
         border=None if stated.base_side == "auto" or stated.base_region is not None else stated.base_side,
         length_px=stated.length_px or length_px,
         diameter_px=stated.diameter_px or diameter_px,
+        xray=xray,
     )
 
 
@@ -120,7 +129,7 @@ class LocatorDetector:
         self._base = np.array(vision.locator.base_px)
         self._tracer = Tracer(vision) if vision.locator.tracer else None
         self._prompts = replace(
-            stated_prompts(vision.settings),
+            stated_prompts(vision.settings, xray=vision.locator.xray),
             base_px=self._base,
             length_px=vision.locator.length_px,
             diameter_px=vision.locator.diameter_px,

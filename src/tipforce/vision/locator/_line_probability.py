@@ -42,17 +42,24 @@ MAX_ENDS_APART = 0.2
 """Ends that are further apart, in lengths, say no more."""
 MAX_SCORE = 3.0
 """A feature further from the mean, in standard deviations, says no more."""
-# BEGIN: printed by python -m bench.locator.probability
+# BEGIN camera: written by python -m bench.locator.probability
 MEANS = np.array([4.81, 1.07, 3.44, -0.37, 5.71, -3.61, -0.16, 0.0597, 0.149, 0.0365])
 SPREADS = np.array([4.23, 1.24, 4.19, 0.322, 1.05, 0.626, 0.156, 0.811, 0.174, 0.0378])
 WEIGHTS = np.array([
     1.37, 0.337, 0.905, 0.0734, 1.03, 0.936, -0.739, 0.0905, -0.259, -0.639, -0.722,
 ])  # fmt: skip
 MARKED_LOG_ODDS = 0.709
-# END
+# END camera
 """Weights of a logistic regression on the features, standardised, the constant first, and the logit by which lines are
 right more often where a user has marked the base: simulated sessions and composed scenes that were not used in
 training, docs/results/locator.md."""
+# BEGIN X-ray: written by python -m bench.locator.probability
+XRAY_WEIGHTS = np.array([
+    -0.419, 0.732, 0.914, 0.626, -0.082, 0.272, -1.45, 0.368, -0.944, -0.0658, -1.01,
+])  # fmt: skip
+# END X-ray
+"""The same for lines in X-ray images, with the means and spreads above; sessions of `fluoro`, `biplane` and their
+varied presets, docs/results/locator.md."""
 
 PRIOR_STD = 1.5
 """Standard deviation of ``log_odds`` before a line of the fine-tuned detector is judged."""
@@ -108,7 +115,8 @@ def probability(line: Located, log_odds: float = 0.0) -> float:
 
 def line_log_odds(line: Located) -> float:
     """Returns the logit of the probability that ``line`` of tipforce's own networks is right."""
-    return float((standardised(np.array([line_features(line)])) @ WEIGHTS)[0])
+    weights = XRAY_WEIGHTS if line.xray else WEIGHTS
+    return float((standardised(np.array([line_features(line)])) @ weights)[0])
 
 
 def fitted_log_odds(scores: Sequence[float], right: Sequence[bool]) -> float:

@@ -80,6 +80,7 @@ class Located:
         ends_apart: distance of the rough ends from those of the line, each weighed by its mass, lengths.
         diameter_px: diameter of the shaft as the second network sees it, also where another one is stated.
         darker: whether the shaft is darker than the ground beside it.
+        xray: whether the image is an X-ray image.
     """
 
     points: FloatArray
@@ -101,6 +102,7 @@ class Located:
     ends_apart: float
     diameter_px: float
     darker: bool
+    xray: bool = False
 
     @property
     def is_there(self) -> bool:
@@ -119,8 +121,8 @@ def as_colour(image: Image) -> npt.NDArray[np.uint8]:
     return np.repeat(image[:, :, None], 3, axis=2) if image.ndim == 2 else image
 
 
-def read_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | None = None) -> RoughPoints:
-    """Returns the rough points in px of ``image`` (h, w, 3); at several sizes where no length is stated.
+def read_points(image: Image, prompts: Prompts, network: Path | None = None) -> RoughPoints:
+    """Returns the rough points in px of ``image``, (h, w) or (h, w, 3); at several sizes where no length is stated.
 
     The reading counts whose points are surest. Where the length is not stated, the image is read again at the size at
     which the line that was found has the length that the network knows best.
@@ -135,8 +137,8 @@ def read_points(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | 
     return max(best, _read_at(image, prompts, scale, network), key=sureness)
 
 
-def readings_by_size(image: npt.NDArray[np.uint8], prompts: Prompts, network: Path | None) -> list[RoughPoints]:
-    """Returns the rough points in px of ``image`` (h, w, 3), read at each of several sizes: no length is stated."""
+def readings_by_size(image: Image, prompts: Prompts, network: Path | None) -> list[RoughPoints]:
+    """Returns the rough points in px of ``image``, read at each of several sizes: no length is stated."""
     longer = max(image.shape[:2])
     sides = [side for side in PYRAMID_SIDES_PX if side <= MAX_MAGNIFICATION * longer] or PYRAMID_SIDES_PX[:1]
     return [_read_at(image, prompts, side / longer, network) for side in sides]
@@ -147,14 +149,14 @@ def sureness(read: RoughPoints) -> float:
     return float(read.mass.mean()) * read.present * read.in_region
 
 
-def _read_at(image: npt.NDArray[np.uint8], prompts: Prompts, scale: float, network: Path | None) -> RoughPoints:
+def _read_at(image: Image, prompts: Prompts, scale: float, network: Path | None) -> RoughPoints:
     rows, columns = image.shape[:2]
     window = prompts.window(rows, columns)
     u0, v0, u1, v1 = window
     way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
     size = max(1, round(scale * (u1 - u0))), max(1, round(scale * (v1 - v0)))
     small = np.asarray(cv2.resize(image[v0:v1, u0:u1], size, interpolation=way), np.uint8)
-    read = rough_points(small, prompts.inside(window, rows, columns).at_scale(scale), network)
+    read = rough_points(as_colour(small), prompts.inside(window, rows, columns).at_scale(scale), network)
     return read._replace(points=(read.points + 0.5) / scale - 0.5 + (u0, v0))
 
 
@@ -187,25 +189,24 @@ def locate(
         known: constants of the session; a hidden tip is placed by its length.
         network: folder of fine-tuned networks; None: those that come with tipforce.
     """
-    colour = as_colour(image)
-    read = read_points(colour, prompts, network)
+    read = read_points(image, prompts, network)
     line = rough_line(read)
     diameter_px = prompts.diameter_px or max(float(arc_length(line)[-1]) / GUESSED_ASPECT, MIN_DIAMETER_PX)
-    if not _long_enough(line, colour.shape):
+    if not _long_enough(line, image.shape):
         return None
     size_px = float(arc_length(line)[-1])
     hint = Hint(read.points[0], read.points[-1], HINT_STD_SHARE * size_px, float(read.states[0, OUTSIDE]))
     reading: Reading | None = None
     for _ in range(ROUNDS if prompts.diameter_px else ROUNDS + 1):
-        reading = read_strip(colour, of_length(line, known), diameter_px, hint, known, network)
-        line = line[:0] if reading is None else _inside(reading.line(), colour.shape)
+        reading = read_strip(image, of_length(line, known), diameter_px, hint, known, network)
+        line = line[:0] if reading is None else _inside(reading.line(), image.shape)
         if reading is None or len(line) < MIN_SAMPLES:
             return None
         if prompts.diameter_px is None:
             diameter_px = max(diameter_px * reading.read.width, MIN_DIAMETER_PX)
     assert reading is not None
     seen_px = diameter_px * (reading.read.width if prompts.diameter_px else 1.0)
-    return replace(_located(read, reading, line, diameter_px, points), diameter_px=seen_px)
+    return replace(_located(read, reading, line, diameter_px, points), diameter_px=seen_px, xray=prompts.xray)
 
 
 def _verdicts(reading: Reading) -> tuple[float, float, float]:

@@ -22,6 +22,9 @@ FREE_STEP_CELLS, STEP_CELLS, MAX_STEP_COST = 5.0, 3.0, 5.0
 """Neighbouring points may be this far apart: further ones cost 1 for each second number of cells, and at most the
 third. In training a step is at most 3 cells long."""
 
+_NEAR = np.arange(3)
+"""A peak's cell and its neighbours, in a map with a margin of one cell."""
+
 
 def shares_of(logits: FloatArray) -> FloatArray:
     """Returns the probability of each cell, (k, h, w); a logit of 0 is as likely as that the point is nowhere."""
@@ -30,21 +33,23 @@ def shares_of(logits: FloatArray) -> FloatArray:
     return weights / (weights.sum(axis=(1, 2), keepdims=True) + np.exp(-top))
 
 
-def peak_at(shares: FloatArray, row: int, column: int) -> tuple[FloatArray, float]:
-    """Returns the point (2,) of a peak in px of the network's image, and its mass.
+def peaks_at(
+    shares: FloatArray, maps: npt.NDArray[np.int64], rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray]:
+    """Returns the points (n, 2) of peaks in px of the network's image, and their masses (n,).
 
     Args:
-        shares: (h, w) probability of each cell.
-        row: row of the peak's cell.
-        column: column of the peak's cell.
+        shares: (k, h, w) probability of each cell.
+        maps: (n,) map of each peak.
+        rows: (n,) row of its cell.
+        columns: (n,) column of its cell.
     """
-    height, width = shares.shape
-    rows = np.arange(max(row - 1, 0), min(row + 2, height))
-    columns = np.arange(max(column - 1, 0), min(column + 2, width))
-    near = shares[np.ix_(rows, columns)]
-    mass = float(near.sum())
-    inside = max(mass, 1e-12)
-    return (np.array([near.sum(axis=0) @ columns, near.sum(axis=1) @ rows]) / inside + 0.5) * STRIDE - 0.5, mass
+    padded = np.pad(shares, ((0, 0), (1, 1), (1, 1)))
+    near = padded[maps[:, None, None], rows[:, None, None] + _NEAR[:, None], columns[:, None, None] + _NEAR]
+    mass = near.sum(axis=(1, 2))
+    inside = np.maximum(mass, 1e-12)
+    off = np.stack([near.sum(axis=1) @ (_NEAR - 1.0), near.sum(axis=2) @ (_NEAR - 1.0)], axis=1) / inside[:, None]
+    return (np.stack([columns, rows], axis=1) + off + 0.5) * STRIDE - 0.5, mass
 
 
 def course(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -53,7 +58,7 @@ def course(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
     Args:
         shares: (k, h, w) probability of each cell, for the points in their order along the catheter.
     """
-    peaks = [_peaks(each) for each in shares]
+    peaks = _peaks(shares)
     cost = -np.log(np.maximum(peaks[0][1], 1e-9))
     back: list[npt.NDArray[np.int64]] = []
     for (before, _), (after, mass) in pairwise(peaks):
@@ -68,11 +73,18 @@ def course(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.array([point for point, _ in found]), np.array([mass for _, mass in found])
 
 
-def _peaks(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns the highest peaks (n, 2) of ``shares`` (h, w) in px of the network's image, and their masses (n,)."""
-    least = min(MIN_PEAK_SHARE, float(shares.max()))
-    small = shares.astype(np.float32)
-    rows, columns = np.nonzero((small >= cv2.dilate(small, np.ones((3, 3), np.uint8))) & (shares >= least))
-    order = np.argsort(-shares[rows, columns], kind="stable")[:MAX_PEAKS]
-    found = [peak_at(shares, int(rows[k]), int(columns[k])) for k in order]
-    return np.array([point for point, _ in found]), np.array([mass for _, mass in found])
+def _peaks(shares: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Returns the highest peaks (n, 2) of each map of ``shares`` (k, h, w) in px of the network's image.
+
+    Each with its mass (n,).
+    """
+    small = np.ascontiguousarray(shares.transpose(1, 2, 0), np.float32)
+    around = cv2.dilate(small, np.ones((3, 3), np.uint8)).reshape(small.shape)
+    least = np.minimum(MIN_PEAK_SHARE, shares.max(axis=(1, 2)))
+    maps, rows, columns = np.nonzero(((small >= around) & (shares.transpose(1, 2, 0) >= least)).transpose(2, 0, 1))
+    order = np.lexsort((-shares[maps, rows, columns], maps))
+    first = np.searchsorted(maps, np.arange(len(shares) + 1))
+    order = order[np.arange(len(maps)) - first[maps] < MAX_PEAKS]
+    points, mass = peaks_at(shares, maps[order], rows[order], columns[order])
+    ends = np.searchsorted(maps[order], np.arange(1, len(shares)))
+    return list(zip(np.split(points, ends), np.split(mass, ends), strict=True))

@@ -38,6 +38,7 @@ class Prompts:
         length_px: length from base to tip, px.
         diameter_px: diameter of the shaft, px.
         near_px: (2,) u, v of a point near a base that is not known: no prompt, the image is read around it.
+        xray: the image is an X-ray image: no prompt, lines have weights of their own there.
     """
 
     base_px: FloatArray | None = None
@@ -46,6 +47,7 @@ class Prompts:
     length_px: float | None = None
     diameter_px: float | None = None
     near_px: FloatArray | None = None
+    xray: bool = False
 
     def window(self, rows: int, columns: int) -> Box:
         """Returns the part of the image, u0, v0, u1, v1, that the catheter reaches from its base.

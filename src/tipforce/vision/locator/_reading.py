@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BSpline
 
 from ...geometry import arc_length, resampled
-from ...types import FloatArray
+from ...types import FloatArray, Image
 from ._networks import Offsets, refine
 from ._strip import ALONG, Strip, straightened
 
@@ -138,20 +137,19 @@ class Reading:
 
     def line(self, count: int = SAMPLES) -> FloatArray:
         """Returns (count, 2) px from base to tip."""
-        return self._basis(count) @ self.coefficients
+        return np.asarray(BSpline(_KNOTS, self.coefficients, 3)(self._at(count)), np.float64)
 
     def std_px(self, count: int) -> FloatArray:
         """Returns the standard deviation (count,) px of the same points in each direction."""
-        basis = self._basis(count)
+        basis = BSpline.design_matrix(self._at(count), _KNOTS, 3).toarray()
         variance = np.einsum("ij,jk,ik->i", basis, self.covariance, basis)
         seen = (self.read.seen > MIN_SURE_SEEN) & (self.base.at < _STATIONS) & (self.tip.at > _STATIONS)
         if seen.any():
             variance += (LASTING_SHARE * np.median(self.offset_std_px[seen])) ** 2
         return np.sqrt(variance)
 
-    def _basis(self, count: int) -> FloatArray:
-        at = np.linspace(self.base.at, self.tip.at, count)
-        return np.asarray(BSpline.design_matrix(np.clip(at, 0.0, ALONG - 1.0), _KNOTS, 3).toarray(), np.float64)
+    def _at(self, count: int) -> FloatArray:
+        return np.clip(np.linspace(self.base.at, self.tip.at, count), 0.0, ALONG - 1.0)
 
 
 def offset_std(spread: FloatArray) -> FloatArray:
@@ -214,7 +212,7 @@ def _ends(read: Offsets, points: FloatArray, first: int, hint: Hint, known: Know
 
 
 def read_strip(
-    image: npt.NDArray[np.uint8],
+    image: Image,
     line: FloatArray,
     diameter_px: float,
     hint: Hint,
@@ -224,7 +222,7 @@ def read_strip(
     """Reads the strip of ``image`` along ``line``; None where too little of the strip is inside the image for a line.
 
     Args:
-        image: (h, w, 3).
+        image: (h, w) or (h, w, 3).
         line: (n, 2) px, base to tip.
         diameter_px: diameter of the shaft.
         hint: the ends as the first network finds them.

@@ -19,7 +19,7 @@ from ...geometry import arc_length
 from ...types import Box, FloatArray, Image
 from .._clamp import INWARD
 from ._line_probability import probability
-from ._locate import Located, as_colour, locate, read_points, readings_by_size, rough_line
+from ._locate import Located, locate, read_points, readings_by_size, rough_line
 from ._networks import OUTSIDE, RoughPoints
 from ._prompts import Prompts
 from ._reading import Known
@@ -193,15 +193,14 @@ def _first_lines(
 
     lines: list[Located | None] = []
     for frame in frames[:: -(-len(frames) // MAX_FIRST_FRAMES)]:
-        colour = as_colour(frame)
         if prompts.length_px is not None:
-            sized = again(frame, read_points(colour, prompts, network))
+            sized = again(frame, read_points(frame, prompts, network))
             lines += sized
             if _any_sure(sized):
                 continue
         unsized = replace(prompts, length_px=None, diameter_px=None)
         for asked in (unsized,) if prompts.border is None else (unsized, replace(unsized, border=None)):
-            found = [line for read in readings_by_size(colour, asked, network) for line in again(frame, read)]
+            found = [line for read in readings_by_size(frame, asked, network) for line in again(frame, read)]
             lines += found
             if _any_sure(found):
                 break

@@ -54,12 +54,15 @@ def straightened(image: Image, line: FloatArray, diameter_px: float) -> Strip:
     """Straightens ``image`` (h, w) or (h, w, 3) uint8 along ``line`` (n, 2), base to tip."""
     points, normals = _stations(line, _FINE * ALONG)
     offsets = np.linspace(-HALF_WIDTH, HALF_WIDTH, ACROSS) * diameter_px
-    at = (points[None] + offsets[:, None, None] * normals[None]).astype(np.float32)
-    read = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    u, v = (
+        (at[None] + offsets[:, None] * across[None]).astype(np.float32)
+        for at, across in zip(points.T, normals.T, strict=True)
+    )
+    read = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     fine = np.asarray(read, np.float32).reshape(ACROSS, ALONG, _FINE, -1)
     values = np.ascontiguousarray(np.broadcast_to(fine.mean(axis=2), (ACROSS, ALONG, 3)))
     height, width = image.shape[:2]
-    inside = np.asarray(((at > -0.5) & (at < (width - 0.5, height - 0.5))).all(axis=-1))
+    inside = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
     inside = np.asarray(inside.reshape(ACROSS, ALONG, _FINE).all(axis=2))
     return Strip(*_stations(line, ALONG), values, inside)
 
