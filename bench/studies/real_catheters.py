@@ -80,10 +80,10 @@ def main() -> None:
     if options.empty is not None:
         paths = sorted(path for path in options.empty.rglob("*") if path.suffix in (".png", ".jpg"))[:MAX_EMPTY_IMAGES]
         images = [read(path) for path in paths]
-        valid = sum(
-            SessionDetector(VisionSettings(), SessionInfo("empty"), [each]).detect(each).found for each in images
-        )
-        print(f"without a catheter: {valid} of {len(images)} valid")
+        for name in ("camera", "xray"):
+            info = SessionInfo("empty", views={"camera": ViewInfo(modality=name)})
+            valid = sum(SessionDetector(VisionSettings(), info, [each]).detect(each).found for each in images)
+            print(f"without a catheter, read as {name}: {valid} of {len(images)} valid")
 
 
 if __name__ == "__main__":
