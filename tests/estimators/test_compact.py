@@ -143,6 +143,17 @@ def test_there_is_no_estimate_for_an_image_without_a_catheter(learnt, image):
     assert answer.detail
 
 
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_a_uniform_image_is_refused_whatever_the_network_makes_of_it(learnt, level: int):
+    image = np.full((HEIGHT, WIDTH), level, np.uint8)
+    image[::2, ::3] ^= 1  # the last bit of a digitised dark image
+    stream = learnt.start(whips().session_info["s0"])
+    stream._build = lambda *_: pytest.fail("the network was asked")
+    answer = stream.update(Observation(0, {"camera": image}, {"knob_deg": 10.0}))
+    assert answer.status is Status.NO_CATHETER
+    assert "uniform" in answer.detail
+
+
 def test_where_most_images_are_unlike_the_training_s_the_others_are_not_answered_either(learnt):
     data = whips(seed=4, sessions=1)
     known = next(each for each, answer in zip(data.observations(), learnt.predict(data), strict=True) if answer.valid)

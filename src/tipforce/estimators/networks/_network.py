@@ -39,7 +39,7 @@ from ._calibration import CalibrationBatch, Outputs, quantise_checked, spread_ev
 from ._facts import NetworkFacts, NetworkTraining
 from ._fitted import FittedNetwork
 from ._graph import Graph
-from ._image_input import UNLIKE, is_white_noise, modality
+from ._image_input import UNLIKE, modality, without_structure
 from ._preparation import (
     PREPARED_FILE,
     Arrays,
@@ -579,10 +579,9 @@ class NetworkStream:
             return ForceEstimate.invalid(observation.stamp_ns, row.status, row.detail)
         for view in self._views:
             image = observation.views.get(view)
-            if isinstance(image, np.ndarray) and is_white_noise(image):
+            if isinstance(image, np.ndarray) and (reason := without_structure(image)):
                 which = f"the image of view {view!r}" if len(self._views) > 1 else "the image"
-                detail = f"{which} is noise: neighbouring pixels are not correlated"
-                return ForceEstimate.invalid(observation.stamp_ns, Status.NO_CATHETER, detail)
+                return ForceEstimate.invalid(observation.stamp_ns, Status.NO_CATHETER, f"{which} {reason}")
         return fitted.graph(**{name: value[None] for name, value in row.items()})
 
 
