@@ -171,7 +171,7 @@ def estimate(
     >>> import tipforce
     >>> frames = [np.zeros((480, 640), np.uint8)]
     >>> next(tipforce.estimate("pretrained/dcfe", frames)).status.value
-    'out_of_distribution'
+    'no_catheter'
     """
     estimator = model if isinstance(model, Estimator) else load_model(model)
     stated = session_info_from(bench)
