@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
+from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import GroupKFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -114,10 +115,11 @@ def _fit_xray(paths: list[str], write: bool) -> None:
     terms = standardised(x)
     print("X-ray, by the weights in tipforce:")
     _reliability(expit(terms @ XRAY_WEIGHTS), y)
+    print(f"area under the curve: {roc_auc_score(y, terms @ WEIGHTS):.3f} by the weights for camera images")
     stated = np.zeros(len(y))
     for seen, left in GroupKFold(8).split(terms, y, group):
         stated[left] = expit(terms[left] @ _xray_weights(terms[seen], y[seen]) + UNMARKED_XRAY_LOG_ODDS)
-    print("X-ray, by weights that did not see the session:")
+    print(f"X-ray, by weights that did not see the session; area {roc_auc_score(y, stated):.3f}:")
     _reliability(stated, y)
     if write:
         weights = _xray_weights(terms, y)

@@ -3,7 +3,8 @@
     python -m bench.studies.real_catheters PHOTOGRAPHS [--empty FOLDER]
 
 PHOTOGRAPHS holds images and ``points.csv`` (image, mouth_u, mouth_v, tip_u, tip_v in px); the base is at the top, and
-the shaft is taken for 3 mm wide. Right: mouth and tip within 8 px. FOLDER holds images in which no catheter is.
+the shaft is taken for 3 mm wide. Right: mouth and tip within 8 px. FOLDER holds images without a
+catheter, which are read as camera and as X-ray images.
 """
 
 import argparse

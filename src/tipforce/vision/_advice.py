@@ -14,9 +14,9 @@ from ..errors import InputError, NoCatheterError
 from ..geometry import arc_length
 from ..types import Box, Catheter, FloatArray, Image, SessionInfo, ViewInfo
 from ._auto_calibrate import auto_calibrate, base_box, side_of
-from ._by_locator import detector_folder, detector_log_odds, stated_prompts
+from ._by_locator import detector_log_odds, session_prompts
 from ._detector import ShapeDetector
-from ._session_size import stated_size_px, with_view
+from ._session_size import with_view
 from ._settings import BaseSide, VisionSettings
 from .locator import Prompts, locate, object_prompts, probability
 
@@ -191,11 +191,9 @@ def likely_objects(settings: VisionSettings, frames: Sequence[Image], info: Sess
         info: its metadata; its stated base and side do not limit the objects.
     """
     stated = with_view(settings, info)
-    xray = info.view(stated.view).modality == "xray"
-    network = detector_folder(stated.detector, xray=xray)
-    log_odds = detector_log_odds(network, marked=False)
-    prompts = stated_prompts(stated, stated_size_px(info, stated.view), xray=xray)
+    prompts, network = session_prompts(stated, info)
     prompts = replace(prompts, region=None, border=None)
+    log_odds = detector_log_odds(network, marked=False)
     open_size = replace(prompts, length_px=None, diameter_px=None)
     tried = [open_size] if prompts.length_px is None else [prompts, open_size]
     objects = [one for each in tried for one in object_prompts(frames, each, MAX_CANDIDATES, MIN_VOTE_SHARE, network)]

@@ -15,7 +15,7 @@ from .._system.rows import evenly_spread
 from ..errors import InputError, NoCatheterError
 from ..geometry import tangents_and_normals
 from ..types import Box, DetectedShape, FloatArray, Image, SessionInfo, Status
-from ._by_locator import detector_folder, detector_log_odds, same_line, stated_prompts
+from ._by_locator import detector_log_odds, same_line, session_prompts
 from ._clamp import INWARD
 from ._session_size import (
     for_session,
@@ -23,7 +23,6 @@ from ._session_size import (
     learn_tip_template,
     nominal_px,
     on_axis,
-    stated_size_px,
     with_nominal,
     with_view,
 )
@@ -254,12 +253,11 @@ def _of_session(
 ) -> ResolvedVision:
     """Returns the settings for one session, with the constants that the locator finds in its images."""
     located = frames[:: -(-len(frames) // MAX_LOCATED_FRAMES)]
-    xray = info.view(stated.view).modality == "xray"
-    network = detector_folder(stated.detector, xray=xray)
+    prompts, network = session_prompts(stated, info)
     try:
         constants = session_constants(
             located,
-            stated_prompts(stated, stated_size_px(info, stated.view), xray=xray),
+            prompts,
             moves=whole and enough_images(frames),
             network=network,
         )
@@ -299,7 +297,7 @@ def _of_session(
         length_std_px=round(max(constants.length_std_px, 0.1), 1),
         diameter_px=round(constants.diameter_px, 1),
         log_odds=round(log_odds, 3),
-        xray=xray,
+        xray=prompts.xray,
         tracer=exact,
     )
     return _with_rejection(
@@ -386,9 +384,7 @@ def _shared(
     for frame, info in zip(frames, each, strict=True):
         own = with_view(settings, info)
         try:
-            xray = info.view(own.view).modality == "xray"
-            prompts = stated_prompts(own, stated_size_px(info, own.view), xray=xray)
-            network = detector_folder(own.detector, xray=xray)
+            prompts, network = session_prompts(own, info)
             constants = session_constants([frame], prompts, moves=False, network=network)
         except InputError as error:
             reason = error

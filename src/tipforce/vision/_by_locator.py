@@ -8,7 +8,8 @@ import numpy as np
 from .._system.json_files import read_json
 from ..errors import FileFormatError, InputError
 from ..geometry import tangents_and_normals
-from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, Status
+from ..types import BasePose, Box, CentrelinePx, DetectedShape, FloatArray, Image, SessionInfo, Status
+from ._session_size import stated_size_px
 from ._settings import ResolvedVision, VisionSettings, usual_tip_std_px
 from .locator import (
     DETECTOR_FACTS,
@@ -78,23 +79,29 @@ def detector_log_odds(folder: Path | None, *, marked: bool) -> float:
     return own + float(found)
 
 
-def stated_prompts(
-    stated: VisionSettings, size_px: tuple[float | None, float | None] = (None, None), *, xray: bool
-) -> Prompts:
-    """Returns the prompts that settings state.
+def session_prompts(stated: VisionSettings, info: SessionInfo) -> tuple[Prompts, Path | None]:
+    """Returns the prompts that settings and metadata of a session state, and the folder of its detector.
 
     Args:
-        stated: the settings.
-        size_px: length and diameter of the catheter, None if unknown.
-        xray: whether the images are X-ray images.
+        stated: the settings, with the facts of the view.
+        info: the session metadata.
+
+    Raises:
+        InputError: see `detector_folder`.
     """
+    xray = info.view(stated.view).modality == "xray"
+    prompts = replace(stated_prompts(stated, stated_size_px(info, stated.view)), xray=xray)
+    return prompts, detector_folder(stated.detector, xray=xray)
+
+
+def stated_prompts(stated: VisionSettings, size_px: tuple[float | None, float | None] = (None, None)) -> Prompts:
+    """Returns the prompts that settings state; ``size_px``: length and diameter of the catheter, None if unknown."""
     length_px, diameter_px = size_px
     return Prompts(
         region=stated.base_region,
         border=None if stated.base_side == "auto" or stated.base_region is not None else stated.base_side,
         length_px=stated.length_px or length_px,
         diameter_px=stated.diameter_px or diameter_px,
-        xray=xray,
     )
 
 
@@ -129,10 +136,11 @@ class LocatorDetector:
         self._base = np.array(vision.locator.base_px)
         self._tracer = Tracer(vision) if vision.locator.tracer else None
         self._prompts = replace(
-            stated_prompts(vision.settings, xray=vision.locator.xray),
+            stated_prompts(vision.settings),
             base_px=self._base,
             length_px=vision.locator.length_px,
             diameter_px=vision.locator.diameter_px,
+            xray=vision.locator.xray,
         )
         self._detector = detector_folder(vision.detector, xray=vision.locator.xray)
         self._known = Known(

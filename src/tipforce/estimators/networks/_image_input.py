@@ -36,7 +36,8 @@ MIN_PIXEL_CORRELATION = 0.1
 """Smallest correlation of pixels that are side by side: 0.00 +- 0.01 in white noise, as of a lost signal; at least 0.98
 in 14 images of real cameras and 0.81 in 30 real X-ray images."""
 MIN_CONTRAST = 1.0
-"""Smallest standard deviation of the pixels, in grey levels, of an image that may show an object."""
+"""Smallest standard deviation of the pixels, in grey levels, of an image that may show an object: at least 20 in 44
+real images and 16 in 44 of the presets."""
 _CORRELATED_ROWS = 24
 """Number of rows that are compared, evenly spread: all of a large image take 2 ms."""
 

@@ -310,8 +310,8 @@ class SpaceFilter:
             camera = self._start.reference.camera(cameras[view])
             # errors grow with the blur in pixels: a finer image than that in which they were measured has larger ones
             unit_px = max(1.0, self._shapes.rod.length_m * scale_at(camera, np.zeros(3)) / _PIXELS)
-            usual = self._settings.xray_noise if self._info.view(view).modality == "xray" else 1.0
-            error = LineError.of(self._settings.noise, MODES, usual * self._level.factor)
+            of_modality = self._settings.xray_noise if self._info.view(view).modality == "xray" else 1.0
+            error = LineError.of(self._settings.noise, MODES, of_modality * self._level.factor)
             modes = self._start.modes_px.setdefault(view, error.modes)  # their amplitudes are unknowns of the session
             error = replace(error, modes=modes).beside(shown.stated, 1.0 / unit_px)
             middle = 0.5 * (np.array(shown.size_px) - 1.0)
