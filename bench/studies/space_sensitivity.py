@@ -3,8 +3,8 @@
     .venv/bin/python -m bench.studies.space_sensitivity --seed 76000 --sessions 10 --out DIR
     .venv/bin/python -m bench.studies.space_sensitivity --seed 108000 109000 --sessions 20 --cases base --out DIR
 
-No image is drawn and nothing is detected: the true axis of the catheter is projected into both views. Its error is that
-of `limits.CENTRELINE_NOISE` of `bench-2021`, fresh in each frame and lasting, times a factor (2 by default: X-ray). Its
+No image is drawn and nothing is detected: the true axis of the catheter is projected into both views. Its error is as
+measured in X-ray images (`XRAY_FRESH_PX`, `XRAY_LASTING_PX`), fresh in each frame and lasting, times a factor. Its
 covariance is stated with the line, as the locator does. The sessions are the same in all cases. Cases: angle between
 the views; error of the second view's turn, drawn with this standard deviation about its right and its down and half of
 it about the viewing direction, stated as uncertainty or not; factor of the noise; frame rate; the second view lost from
@@ -22,17 +22,15 @@ import numpy as np
 from bench.studies.space_sessions import ANGLES_DEG, CONTACT_N, FORCES_N, WRONG_N, line
 from scipy.interpolate import CubicSpline
 
+from tipforce.estimators.session import LINE_PX, XRAY_FRESH_PX, XRAY_LASTING_PX
 from tipforce.estimators.space import SpaceSettings
 from tipforce.estimators.space._filter import SpaceFilter, ViewShape
 from tipforce.estimators.space._widths import SpaceWidths
 from tipforce.geometry import CameraModel, Pose
-from tipforce.limits import CENTRELINE_NOISE
 from tipforce.mechanics import LineNoise
 from tipforce.simulation import PRESETS, SimulatedBench
 from tipforce.types import CentrelinePx, DetectedShape, FloatArray, IntArray, SessionInfo, Status
 
-PX_PER_M = 1.0 / 0.2e-3
-"""The noise was measured at this scale."""
 POINTS = 65
 LOST_FROM_S = 7.5
 FREE_S, FREE_STEP = 4.5, 5
@@ -49,7 +47,7 @@ class Case:
     turn_deg: float = 0.0
     shift_m: float = 0.0
     stated: float = 0.0
-    noise: float = 2.0
+    noise: float = 1.0
     fps: float = 15.0
     lost: bool = False
     peak_n: tuple[float, float] | None = None
@@ -66,7 +64,7 @@ CASES = {
     "exact, 2 degrees stated": Case(turn_deg=2e-9, stated=1e9),
     "2 degrees and 2 mm, stated": Case(turn_deg=2, shift_m=2e-3, stated=1.0),
     "2 degrees and 2 mm, not stated": Case(turn_deg=2, shift_m=2e-3),
-    **{f"noise {noise}": Case(noise=noise) for noise in (1, 4, 8)},
+    **{f"noise {noise}": Case(noise=noise) for noise in (0.5, 2, 4)},
     "7.5 frames/s": Case(fps=7.5),
     "view b lost": Case(lost=True),
     "large forces": Case(peak_n=(0.35, 0.6)),
@@ -137,19 +135,17 @@ class NoisyLines:
     """Adds errors to true lines of one view of a session."""
 
     def __init__(self, rng: np.random.Generator, factor: float) -> None:
-        noise = CENTRELINE_NOISE["bench-2021"]
         arc = np.linspace(0.0, 1.0, 33)
         self._rng, self._share = rng, arc
-        self._fresh = self._root(noise.fresh, factor)
-        lasting = self._root(noise.lasting, factor)
+        self._fresh = self._root(XRAY_FRESH_PX, factor)
+        lasting = self._root(XRAY_LASTING_PX, factor)
         self._lasting = lasting @ rng.standard_normal(34)
         self._variance = (self._fresh**2).sum(axis=1) + (lasting**2).sum(axis=1)
 
     @staticmethod
     def _root(noise: LineNoise, factor: float) -> FloatArray:
-        length_px = 300.0
-        arc = np.linspace(0.0, length_px, 33)
-        return factor * np.linalg.cholesky(noise.scaled(PX_PER_M).covariance_m2(arc) + 1e-9 * np.eye(34))
+        arc = np.linspace(0.0, LINE_PX, 33)
+        return factor * np.linalg.cholesky(noise.covariance_m2(arc) + 1e-9 * np.eye(34))
 
     def shape(self, true_px: FloatArray) -> DetectedShape:
         """Returns the detected shape of a true line (n, 2)."""

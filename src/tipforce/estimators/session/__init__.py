@@ -9,17 +9,9 @@ from ._detection import Detected, Detection
 from ._direction import DirectionMemory
 from ._facts import RodFacts
 from ._filter import SessionFilter
-from ._knowledge import (
-    MODES,
-    STIFFNESS_LEFT_OUT,
-    Knowledge,
-    LineError,
-    knob_gain_std,
-    noise_unit_m,
-    rod_model,
-    stated_stds,
-)  # fmt: skip
+from ._knowledge import STIFFNESS_LEFT_OUT, Knowledge, knob_gain_std, noise_unit_m, rod_model, stated_stds
 from ._limits import ForceLimits, Limit, LimitsTally
+from ._line_error import LINE_PX, MODES, XRAY_FRESH_PX, XRAY_LASTING_PX, LineError
 from ._lines import POINTS, LineFrame, StatedErrors
 from ._mixture import DIRECTIONS_RAD, MOST_PULL, Mixed
 from ._noise_level import NoiseLevel
@@ -40,10 +32,13 @@ __all__ = [
     "DIRECTIONS_RAD",
     "LEAST_PLAY_DEG2",
     "LEAST_STD_N",
+    "LINE_PX",
     "MODES",
     "MOST_PULL",
     "POINTS",
     "STIFFNESS_LEFT_OUT",
+    "XRAY_FRESH_PX",
+    "XRAY_LASTING_PX",
     "ContactSettings",
     "Detected",
     "Detection",

@@ -1,4 +1,4 @@
-"""Knowledge of the rod estimators on a session before its images: priors of the unknowns, forces, noise of the line."""
+"""Knowledge of the rod estimators on a session before its images: priors of the unknowns, and the forces."""
 
 import math
 from collections.abc import Mapping
@@ -9,14 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from ...mechanics import LineNoise
 from ...mechanics.planar import FORCE, UNKNOWNS, Model
 from ...types import ActuationInfo, FloatArray, SessionInfo
-from ._lines import POINTS, StatedErrors
-from ._settings import NoiseSettings, RodPriors, RodSettings
+from ._line_error import LINE_PX
+from ._settings import RodPriors, RodSettings
 
-MODES = 6
-"""Number of error shapes of a session that are unknowns; the rest counts as independent noise."""
 NEEDED = ("catheter.flexible_length_m", "catheter.bending_stiffness_nm2")
 """Session metadata without which there is no rod."""
 
@@ -25,86 +22,6 @@ STIFFNESS_LEFT_OUT = 0.025
 """Relative deviation of EI from its stated value in spite of a good measurement: the shaft creeps and stiffens."""
 _CAMERA_M, _MOST_TILT_DEG = 0.4, 60.0
 """Usual distance of a camera, for the effect of its tilt on lengths."""
-_PIXELS = 240.0
-"""Length of the line in px by which the noise is laid out: of the bench that it was measured on."""
-
-
-@dataclass(frozen=True, eq=False)
-class LineError:
-    """Error of a line in px at its `POINTS` points, across it, and last along it at the tip.
-
-    ``whiten`` makes the noise white whose covariance is ``covariance_px2``; ``modes`` (`POINTS` + 1, modes) are the
-    errors that stay, each of unit variance. ``rows``: number of measurements.
-    """
-
-    covariance_px2: FloatArray
-    whiten: FloatArray
-    modes: FloatArray
-    rows: int = POINTS + 1
-
-    def beside(self, stated: StatedErrors | None, stated_unit_px: float) -> "LineError":
-        """Returns the error of a line for which vision states the standard deviation and visibility of each point.
-
-        Vision's variance adds to that of the settings, with the same correlation from point to point and the same
-        share that stays for the session: most of the error of the locator's lines does (docs/results/session.md).
-        Hidden points are left out, as if their errors were without bound.
-
-        Args:
-            stated: vision's statements; None: there are none.
-            stated_unit_px: the unit of its figures, in px of this error.
-        """
-        if stated is None:
-            return self
-        settings_std_px = np.sqrt(np.diag(self.covariance_px2) + np.sum(self.modes**2, axis=1))
-        factor = np.hypot(1.0, stated_unit_px * stated.std_px / settings_std_px)
-        seen = np.ix_(stated.seen, stated.seen)
-        whiten = np.zeros_like(self.whiten)  # zero rows leave the hidden points out
-        whiten[seen] = np.tril(np.linalg.inv(np.linalg.cholesky(self.covariance_px2[seen])))
-        covariance = factor[:, None] * self.covariance_px2 * factor
-        return LineError(covariance, whiten / factor, factor[:, None] * self.modes, stated.rows)
-
-    @classmethod
-    def of(cls, noise: NoiseSettings, modes: int, level: float = 1.0) -> Self:
-        """Makes the error of a line from the settings: noise that is new in each frame, and errors that last.
-
-        The strongest patterns of the lasting errors become ``modes``, unknowns of the session; the rest counts as
-        noise. The bare numbers are correlation lengths in px and shares, measured on simulated images: see `LineNoise`.
-
-        Args:
-            noise: its settings.
-            modes: number of lasting errors that are unknowns; 0: all are noise.
-            level: factor on the errors across the shaft; those of the tip stay as stated.
-        """
-        arc = np.linspace(0.0, _PIXELS, POINTS)
-        fresh = LineNoise(
-            level * noise.fresh_px,
-            14.0,
-            noise.fresh_along_px,
-            level * noise.fresh_px,
-            2.3,
-            noise.fresh_tip_px,
-            18.0,
-            0.1,
-            0.05,
-        ).covariance_m2(arc)
-        lasting = LineNoise(
-            level * noise.lasting_px,
-            70.0,
-            noise.lasting_along_px,
-            level * noise.lasting_px,
-            2.3,
-            noise.lasting_tip_px,
-            14.0,
-            0.14,
-        ).covariance_m2(arc)
-        fresh, lasting = noise.factor**2 * fresh, noise.factor**2 * lasting
-        variances, vectors = np.linalg.eigh(lasting)
-        strongest = (vectors * np.sqrt(variances))[:, ::-1][:, :modes]  # eigh sorts upwards
-        covariance = fresh + lasting - strongest @ strongest.T
-        covariance = 0.5 * (covariance + covariance.T)
-        root = np.linalg.cholesky(covariance)
-        whiten = np.asarray(np.tril(np.linalg.inv(root)), np.float64)
-        return cls(covariance, np.ascontiguousarray(whiten), np.ascontiguousarray(strongest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,10 +146,10 @@ def _correlation(covariance: FloatArray) -> FloatArray:
 def noise_unit_m(model: Model, scale_m_per_px: float) -> float:
     """Returns the length in metres of one pixel of `LineError`.
 
-    The errors were measured on a bench whose line is `_PIXELS` long. A finer image has no more information, since its
+    The errors were measured on a bench whose line is `LINE_PX` long. A finer image has no more information, since its
     blur covers more pixels: then the pixel of that bench counts, not the image's own.
     """
-    return max(scale_m_per_px, (model.flexible_m + model.rigid_m) / _PIXELS)
+    return max(scale_m_per_px, (model.flexible_m + model.rigid_m) / LINE_PX)
 
 
 def rod_model(info: SessionInfo, segments: int) -> Model:

@@ -19,7 +19,8 @@ from ...vision import detector_kind
 from .._base import Progress
 from .._reading import Abstention
 from ._detection import Detection
-from ._knowledge import MODES, Knowledge, LineError, noise_unit_m, rod_model
+from ._knowledge import Knowledge, noise_unit_m, rod_model
+from ._line_error import MODES, LineError
 from ._lines import POINTS
 from ._settings import RodSettings
 

@@ -18,7 +18,8 @@ import numpy as np
 from ...mechanics.planar import FORCE, UNKNOWNS
 from ...types import FloatArray
 from ._filter import SessionFilter
-from ._knowledge import MODES, STIFFNESS_LEFT_OUT
+from ._knowledge import STIFFNESS_LEFT_OUT
+from ._line_error import MODES
 from ._state import CAMERA, COUNT, GAIN, K0, PLAY, ROD
 
 MIN_CONTACT = 0.9

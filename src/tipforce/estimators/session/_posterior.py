@@ -10,7 +10,8 @@ from ...mechanics.planar import FORCE, Line, Model, fit_line, inverse, loaded_po
 from ...types import FloatArray, SessionInfo
 from ...vision.contact import ContactReading, tip_axis
 from ._direction import SessionDirection
-from ._knowledge import MODES, Knowledge, LineError, noise_unit_m
+from ._knowledge import Knowledge, noise_unit_m
+from ._line_error import MODES, LineError
 from ._lines import POINTS, StatedErrors
 from ._mixture import NO_EVIDENCE, Mixed, mixed_force
 from ._noise_level import noisier

@@ -6,7 +6,8 @@ import numpy as np
 
 from ...mechanics.planar import FORCE, UNKNOWNS, Line, Model
 from ...types import FloatArray, SessionInfo
-from ._knowledge import MODES, Knowledge, LineError, knob_gain_std
+from ._knowledge import Knowledge, knob_gain_std
+from ._line_error import MODES, LineError
 from ._lines import POINTS
 from ._settings import RodSettings, RodTrackSettings
 from ._walk import EXTRA

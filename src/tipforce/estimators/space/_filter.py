@@ -14,7 +14,7 @@ import numpy as np
 
 from ...mechanics.spatial import SpatialRod, SpatialShapes
 from ...types import DetectedShape, FloatArray, SessionInfo
-from ..session import MODES, LineError, NoiseLevel
+from ..session import LINE_PX, MODES, LineError, NoiseLevel
 from ._cameras import Reference, base_axes_px, camera_of, scale_at, toward_viewer, turns
 from ._constants import DEPTH, FORCE, TURN, Constants, error_slopes
 from ._direction import SpaceDirection
@@ -30,8 +30,6 @@ _UNCLEAR = 0.1
 """An instant teaches the constants if the probability of contact is within this of 0 or 1."""
 _GROWN = 1.5
 """The session starts again if the noise is found to be larger by this factor."""
-_PIXELS = 240.0
-"""Length of the line in px by which the noise is laid out: of the bench that it was measured on."""
 _USUAL_MISFIT_RATIO = 1.0 / 3.0
 """Usual misfit of `rod` over that of this model, both where the noise is as stated: true lines of simulated `biplane`
 sessions with twice the stated noise have 0.5 at a level of 2.5."""
@@ -156,6 +154,7 @@ class SpaceFilter:
         stiffness = self._shapes.rod.bending_stiffness_nm2
         self._lever_per_m_n = settings.prior.friction * 0.5 * diameter / stiffness  # moment over EI is a curvature
         self._level = NoiseLevel(settings.noise, settings.level_s)
+        self._xray_error = LineError.of_xray(MODES)
         self._pose_prior = PosePrior.of(info, settings.views)
         self._pose_is_wrong = False
         self._begun_factor = 1.0
@@ -309,11 +308,15 @@ class SpaceFilter:
             line = shown.line
             camera = self._start.reference.camera(cameras[view])
             # errors grow with the blur in pixels: a finer image than that in which they were measured has larger ones
-            unit_px = max(1.0, self._shapes.rod.length_m * scale_at(camera, np.zeros(3)) / _PIXELS)
-            of_modality = self._settings.xray_noise if self._info.view(view).modality == "xray" else 1.0
-            error = LineError.of(self._settings.noise, MODES, of_modality * self._level.factor)
-            modes = self._start.modes_px.setdefault(view, error.modes)  # their amplitudes are unknowns of the session
-            error = replace(error, modes=modes).beside(shown.stated, 1.0 / unit_px)
+            unit_px = max(1.0, self._shapes.rod.length_m * scale_at(camera, np.zeros(3)) / LINE_PX)
+            if self._info.view(view).modality == "xray":
+                error = self._xray_error.as_stated(shown.stated, 1.0 / unit_px)
+                error = error.at_level(self._settings.xray_noise * self._level.factor)
+            else:
+                error = LineError.of(self._settings.noise, MODES, self._level.factor)
+                # the amplitudes of the modes are unknowns: their unit stays for the session
+                error = replace(error, modes=self._start.modes_px.setdefault(view, error.modes))
+                error = error.beside(shown.stated, 1.0 / unit_px)
             middle = 0.5 * (np.array(shown.size_px) - 1.0)
             slopes = error_slopes(line.points, line.normals, middle, error.modes * unit_px)
             whiten = error.whiten / (unit_px * shown.noise_factor)

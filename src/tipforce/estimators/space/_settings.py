@@ -53,10 +53,8 @@ class SpaceSettings(OverTimeSettings):
     prior: SpacePriors = SpacePriors()
     segments: Annotated[int, Field(ge=8, le=200)] = 24
     """Number of segments of the flexible length."""
-    xray_noise: Annotated[float, Field(ge=1, le=100)] = 3.0
-    """Errors of lines in X-ray images over those in ``noise``, which were measured in camera images. With 1 a free tip
-    had a force in two of 40 sessions of `biplane`. In nine others the intervals hold more with 3, and the errors are a
-    tenth larger (docs/results/two-views.md)."""
+    xray_noise: Annotated[float, Field(ge=0.1, le=100)] = 1.0
+    """Factor on the errors across lines in X-ray images that vision states; else on measured ones, see `LineError`."""
     curvature_walk_per_m: Annotated[float, Field(ge=0, le=1e6)] = 0.1
     """Random walk of the curvatures without load in a second: the shaft creeps."""
     base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.3
