@@ -15,9 +15,9 @@ MODES = 6
 LINE_PX = 240.0
 """Length of the line in px by which the noise is laid out: of the bench that it was measured on."""
 
-XRAY_FRESH_PX = LineNoise(0.10, 20.0, 0.95, base_std_m=0.33, base_m=6.8, tip_std_m=0.2, tip_m=2.4, white_share=0.02)
+XRAY_FRESH_PX = LineNoise(0.10, 20.0, 0.95, base_std_m=0.33, base_m=6.8, tip_std_m=0.2, tip_m=2.4, white_share=0.05)
 XRAY_LASTING_PX = LineNoise(
-    0.03, 20.0, 0.8, base_std_m=0.13, base_m=28.0, tip_std_m=0.11, tip_m=2.4, white_share=0.02
+    0.03, 20.0, 0.8, base_std_m=0.13, base_m=28.0, tip_std_m=0.11, tip_m=2.4, white_share=0.05
 )  # fmt: skip
 """Error in px of lines that the locator finds in X-ray images, measured by ``python -m bench.studies.line_noise``.
 Quanta make most of it: it is new in each frame, while that in images of cameras lasts."""
