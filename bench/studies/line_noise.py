@@ -40,7 +40,7 @@ MIN_LASTING_FRAMES = 24
 """Distance in frames from which the error that two frames share counts as lasting."""
 WRONG_PX, WRONG_TIP_PX = 2.0, 5.0
 ROBUST = 3.0
-BODY = slice(4, -4)
+BODY = slice(4, POINTS - 4)
 """Points far from both ends."""
 
 

@@ -18,6 +18,7 @@ from tipforce.estimators.session import (
     RodTrack,
     RodTrackSettings,
     SessionFilter,
+    StatedErrors,
     _filter,
     noise_unit_m,
     rod_model,
@@ -475,3 +476,22 @@ def test_pushes_along_the_shaft_are_not_denied_although_they_look_like_no_contac
             held.append(found.low_n[2] <= np.hypot(*force[:2]) <= found.high_n[2])
     assert len(held) > 50
     assert np.mean(held) > 0.85
+
+
+def test_an_error_in_an_xray_image_is_as_vision_states_it() -> None:
+    measured = LineError.of_xray(MODES)
+    seen = np.ones(POINTS + 1, np.bool_)
+    seen[0] = False
+    stated = StatedErrors(np.append(np.full(POINTS, 0.3), 2.0), seen)
+    error = measured.as_stated(stated, 0.5).at_level(2.0)
+    noise = measured.as_stated(stated, 0.5).covariance_px2
+    lasting = np.sum(error.modes**2, axis=1)
+    assert np.sqrt(np.diag(noise) + lasting) == pytest.approx(np.append(np.full(POINTS, 0.15), 1.0))
+    assert np.diag(error.covariance_px2) == pytest.approx(np.diag(noise) * np.append(np.full(POINTS, 4.0), 1.0))
+    kept = np.ix_(seen, seen)
+    assert np.allclose(error.whiten[kept] @ error.covariance_px2[kept] @ error.whiten[kept].T, np.eye(POINTS))
+    assert not error.whiten[0].any()
+    assert error.rows == POINTS
+    assert measured.as_stated(None, 0.5) is measured
+    unstated = measured.as_stated(StatedErrors(np.zeros(POINTS + 1), np.ones(POINTS + 1, np.bool_)), 0.5)
+    assert unstated.covariance_px2 == pytest.approx(measured.covariance_px2)

@@ -127,7 +127,7 @@ class LineError:
         return self._scaled(factor, stated.seen)
 
     def at_level(self, level: float) -> "LineError":
-        """Returns this error with ``level`` times the noise across the line; what lasts, and the tip, stay."""
+        """Returns this error with ``level`` times the noise across the line; its lasting errors and its tip stay."""
         scale = np.append(np.full(POINTS, level), 1.0)
         covariance = scale[:, None] * self.covariance_px2 * scale
         return replace(self, covariance_px2=covariance, whiten=self.whiten / scale)

@@ -311,7 +311,8 @@ class SpaceFilter:
             unit_px = max(1.0, self._shapes.rod.length_m * scale_at(camera, np.zeros(3)) / LINE_PX)
             if self._info.view(view).modality == "xray":
                 error = self._xray_error.as_stated(shown.stated, 1.0 / unit_px)
-                error = error.at_level(self._settings.xray_noise * self._level.factor)
+                alone = self._settings.one_view_noise if len(lines) == 1 else 1.0
+                error = error.at_level(alone * self._settings.xray_noise * self._level.factor)
             else:
                 error = LineError.of(self._settings.noise, MODES, self._level.factor)
                 # the amplitudes of the modes are unknowns: their unit stays for the session

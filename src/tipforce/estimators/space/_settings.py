@@ -55,6 +55,10 @@ class SpaceSettings(OverTimeSettings):
     """Number of segments of the flexible length."""
     xray_noise: Annotated[float, Field(ge=0.1, le=100)] = 1.0
     """Factor on the errors across lines in X-ray images that vision states; else on measured ones, see `LineError`."""
+    one_view_noise: Annotated[float, Field(ge=1, le=100)] = 3.0
+    """Further factor on them where one view alone shows the rod: errors of the model in its depth appear as noise. In
+    two sessions of `fluoro` 90 % intervals of the magnitude held 74 % with 1, 96 % with 3 (docs/results/two-views.md).
+    """
     curvature_walk_per_m: Annotated[float, Field(ge=0, le=1e6)] = 0.1
     """Random walk of the curvatures without load in a second: the shaft creeps."""
     base_walk_deg: Annotated[float, Field(ge=0, le=90)] = 0.3
