@@ -31,8 +31,8 @@ _UNCLEAR = 0.1
 _GROWN = 1.5
 """The session starts again if the noise is found to be larger by this factor."""
 _USUAL_MISFIT_RATIO, _USUAL_MISFIT_RATIO_XRAY = 1.0 / 3.0, 0.2
-"""Usual misfit of `rod` over that of this model, both where the noise is as stated. In X-ray images most of the error is
-new in each frame: with 1/3 the magnitude was off by 30 in place of 29 mN on 40 sessions of `biplane`."""
+"""Usual misfit of `rod` over that of this model, both where the noise is as stated. In X-ray images most of the error
+is new in each frame: with 1/3 the magnitude was off by 30 in place of 29 mN on 40 sessions of `biplane`."""
 _CONFLICT = 2.0
 """Two lines whose common misfit is larger than this times the limit exclude each other: one is read alone."""
 _EXCLUDED_S = 2.0
