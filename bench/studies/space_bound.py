@@ -15,8 +15,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from bench.studies.space_sensitivity import CASES, CONTACT_N, rows_of, true_session
-from bench.studies.space_sessions import ANGLES_DEG, FORCES_N
+from bench.studies.space_sensitivity import CASES, rows_of, true_session
+from bench.studies.space_sessions import ANGLES_DEG, CONTACT_N, FORCES_N
 
 from tipforce.estimators.space import SpaceSettings
 from tipforce.estimators.space._constants import FORCE, Constants

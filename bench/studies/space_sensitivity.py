@@ -15,11 +15,11 @@ and are not computed again.
 import argparse
 import json
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 
 import numpy as np
-from bench.studies.space_sessions import ANGLES_DEG, CONTACT_N, FORCES_N, WRONG_N, line
+from bench.studies.space_sessions import line, table
 from scipy.interpolate import CubicSpline
 
 from tipforce.estimators.session import LINE_PX, XRAY_FRESH_PX, XRAY_LASTING_PX
@@ -35,8 +35,6 @@ POINTS = 65
 LOST_FROM_S = 7.5
 FREE_S, FREE_STEP = 4.5, 5
 """Before this time nothing touches the tip, and one frame of five is read."""
-LIMITS_N = (0.05, 0.1, 0.2)
-LARGE_N = 0.3
 
 
 @dataclass(frozen=True)
@@ -194,31 +192,6 @@ def rows_of(
     return rows
 
 
-def strata(rows: FloatArray) -> list[str]:
-    """Returns lines by force and by angle, and the effect of the limit of the interval."""
-    size = np.linalg.norm(rows[:, :3], axis=1)
-    cosine = -(rows[:, :3] * rows[:, 14:17]).sum(axis=1) / np.maximum(size, 1e-9)
-    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    lines: list[str] = []
-    for values, edges, unit in ((size, FORCES_N, "N"), (angle, ANGLES_DEG, "deg")):
-        for low, high in pairwise(edges):
-            part = (values >= low) & (values < high) & (size > CONTACT_N)
-            if part.any():
-                lines.append(line(f"{low:g} to {high:g} {unit}", rows[part]))
-    found = np.linalg.norm(rows[:, 3:6], axis=1)
-    reach = np.maximum(rows[:, 13] - found, found - rows[:, 9])
-    off = np.abs(found - size)
-    for limit in (np.inf, *LIMITS_N[::-1]):
-        for title, use in (("in contact", size > CONTACT_N), ("all", np.ones(len(size), np.bool_))):
-            kept = use & np.isfinite(found) & (reach <= limit)
-            if kept.any():
-                lines.append(
-                    f"max_error_n {limit:g}, {title}: answered {100.0 * kept.sum() / use.sum():.1f} %, wrong "
-                    f"{100.0 * (off[kept] > WRONG_N).mean():.1f} %, |F| MAE {1e3 * off[kept].mean():.1f} mN"
-                )
-    return lines
-
-
 def main() -> None:
     """Estimates the sessions in all cases and prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -245,7 +218,7 @@ def main() -> None:
         rows = np.concatenate(found)
         print(line(name, rows), flush=True)
         if name in ("base", "large forces"):
-            print("\n".join(strata(rows)), flush=True)
+            print("\n".join(table(rows)), flush=True)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,9 @@ from tipforce.io import images_beforehand, open_source
 from tipforce.simulation import read_truth, truth_path
 from tipforce.types import FloatArray, views_of
 
-CONTACT_N, WRONG_N = 0.01, 0.05
+CONTACT_N, WRONG_N, HIGH_N = 0.01, 0.05, 0.3
+LIMITS_N = (0.3, 0.2, 0.1, 0.05)
+"""Values of `max_error_n`."""
 FORCES_N = (0.01, 0.05, 0.15, 0.3, 2.0)
 ANGLES_DEG = (0.0, 20.0, 40.0, 60.0, 180.0)
 COLUMNS = "true (3), estimate (3), low and high of fx, fy, fz, |F| (8), tip's axis (3), number of views"
@@ -79,7 +81,7 @@ def line(title: str, rows: FloatArray) -> str:
 
 
 def table(rows: FloatArray) -> list[str]:
-    """Returns the lines of the table: all, by number of views, by force, by angle."""
+    """Returns the lines of the table: all, by number of views, by force, by angle, by the limit of the interval."""
     size = np.linalg.norm(rows[:, :3], axis=1)
     cosine = -(rows[:, :3] * rows[:, 14:17]).sum(axis=1) / np.maximum(size, 1e-9)
     angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
@@ -87,7 +89,27 @@ def table(rows: FloatArray) -> list[str]:
     for values, edges, unit in ((size, FORCES_N, "N"), (angle, ANGLES_DEG, "deg")):
         for low, high in pairwise(edges):
             parts.append((f"{low:g} to {high:g} {unit}", (values >= low) & (values < high) & (size > CONTACT_N)))
-    return [line(title, rows[part]) for title, part in parts if part.any()]
+    return [*(line(title, rows[part]) for title, part in parts if part.any()), *_limits(rows, size)]
+
+
+def _limits(rows: FloatArray, size: FloatArray) -> list[str]:
+    """Returns the effect of `max_error_n` on the answers, and the upper ends of free tips; ``size`` (n,): true, N."""
+    found = np.linalg.norm(rows[:, 3:6], axis=1)
+    reach, off = np.maximum(rows[:, 13] - found, found - rows[:, 9]), np.abs(found - size)
+    lines: list[str] = []
+    for limit in (np.inf, *LIMITS_N):
+        for title, use in (("in contact", size > CONTACT_N), ("all", np.ones(len(size), np.bool_))):
+            kept = use & np.isfinite(found) & (reach <= limit)
+            if kept.any():
+                lines.append(
+                    f"max_error_n {limit:g}, {title}: answered {100.0 * kept.sum() / use.sum():.1f} %, wrong "
+                    f"{100.0 * (off[kept] > WRONG_N).mean():.1f} %, |F| MAE {1e3 * off[kept].mean():.1f} mN, RMS "
+                    f"{1e3 * np.sqrt((off[kept] ** 2).mean()):.1f} mN"
+                )
+    free = np.isfinite(found) & (size <= CONTACT_N)
+    if free.any():
+        lines.append(f"free tip: upper end above {HIGH_N:g} N in {100.0 * (rows[free, 13] > HIGH_N).mean():.1f} %")
+    return lines
 
 
 def main() -> None:
