@@ -19,7 +19,7 @@ XRAY_FRESH_PX = LineNoise(0.10, 20.0, 0.95, base_std_m=0.33, base_m=6.8, tip_std
 XRAY_LASTING_PX = LineNoise(
     0.03, 20.0, 0.8, base_std_m=0.13, base_m=28.0, tip_std_m=0.11, tip_m=2.4, white_share=0.05
 )  # fmt: skip
-"""Error in px of lines found in X-ray images, as ``python -m bench.studies.line_noise --preset biplane`` measures it,
+"""Error in px of lines found in X-ray images, as ``python -m bench.studies.line_noise`` measures it on `biplane`,
 rounded; of the lasting part that study finds less (0.003 px). Quanta make most of the error: it is new in each frame,
 while that in images of cameras lasts."""
 _LEAST_STD_PX = 0.02
